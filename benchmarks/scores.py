@@ -19,6 +19,7 @@ import baselines
 import unsolved
 
 from limberjack import suite
+from limberjack.evaluation import published
 from limberjack.utils import png
 
 __all__ = ["main", "page", "read_results"]
@@ -28,28 +29,10 @@ _PAGE = Path(__file__).parents[1] / "docs" / "scores.md"
 _IMAGES = _PAGE.parent / "images"
 _DRAWN = "manipulator", "stacker"  # all starts of the humanoid look alike
 
-# The best published scores from states that we found, with training steps and action repeat if the
-# authors' paper or code states them. Those of the arm were never measured from all starts.
-_PUBLISHED = {
-    ("humanoid", "stand"): [
-        ("953", "FlashSAC", "1 million", "not found"),
-        ("937", "BRO", "1 million", "1"),
-        ("918", "TD-MPC2", "4 million", "2"),
-    ],
-    ("humanoid", "walk"): [
-        ("940", "FlashSAC", "1 million", "not found"),
-        ("918", "TD-MPC2", "8 million", "2"),
-    ],
-    ("humanoid", "run"): [
-        ("603", "TD-MPC2", "14 million", "2"),
-        ("371", "FlashSAC", "1 million", "not found"),
-    ],
-    ("manipulator", "bring_ball"): [
-        ("896", "D4PG, quoted second-hand", "100 million", "not found"),
-    ],
-    ("manipulator", "insert_ball"): [("686 ± 341", "GMPG, offline", "-", "not found")],
-    ("manipulator", "insert_peg"): [("540 ± 343", "GMPG, offline", "-", "not found")],
-}
+_MILLION = 1_000_000
+_STEPS = tuple(_MILLION * count for count in (1, 4, 8, 14, 100))  # of training; a column each
+_SECOND_HAND = " (2)"  # marks it
+_NOTHING = "-"
 
 _HEAD = """# Scores
 
@@ -93,11 +76,28 @@ has learned something where it does better than both.
 _PUBLISHED_TEXT = """
 ## Published scores
 
-The best results from states that we found, up to November 2026, for orientation. They come from
-few episodes, older versions of MuJoCo and other seeds, so differences of a few percent mean nothing
-(see [Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*: steps of the
-environment in training. Tasks that are not in the table have no published score above that of doing
-nothing.
+Returns of learned agents from the suite's observations: the best mean that we found, up to November
+2026, after each number of control steps of training, with its spread. An action that is repeated
+counts as several control steps. **Compare within a column only**: scores after 1 million and after
+4 million steps are different results. *dataset*: learned from recorded episodes. *zero*, *planner*:
+the means of this project, where it has measured them. (2): second-hand, as explained below.
+
+These scores come from few runs and episodes, other seeds and older versions of MuJoCo, so
+differences of a few percent mean nothing (see
+[Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). The best of several algorithms
+is also an optimistic figure. We found no score for {without}.
+"""
+
+_SOURCES_TEXT = """
+These are the best of {scores} scores in `src/limberjack/evaluation/published.json`, which also has
+the number of runs of each; `limberjack.evaluation.published` reads them. No file of a source is
+copied: `tools/read_published.py` computes means and spreads from the commits that are linked here.
+*repeat*: control steps per action; - if the source does not state it. *runs*: from the smallest to
+the largest number.
+"""
+
+_SECOND_HAND_TEXT = """
+Scores marked (2) are second-hand:
 """
 
 _MEASURED = """
@@ -147,9 +147,7 @@ def page(results: Sequence[_Result]) -> str:
     pictures = list(_unsolved_lines(results))
     lines += [_UNSOLVED, *pictures[:-1]] if pictures else []
     lines += _baseline_lines()
-    published = [[*task, *score] for task in suite.ALL_TASKS for score in _PUBLISHED.get(task, [])]
-    columns = ["domain", "task", "score", "by", "steps", "action repeat"]
-    lines += [_PUBLISHED_TEXT, *_table(columns, published)]
+    lines += _published_lines(results)
     columns = ["domain", "task", "policy", "its hash", "model", "versions"]
     lines += [_MEASURED, *_table(columns, map(_origin, results))]
     return "\n".join([_HEAD, *lines]) + "\n"
@@ -217,6 +215,81 @@ def _baseline_lines() -> list[str]:
     ]
     head = _BASELINES.format(seeds=found["seeds"])
     return [head, *_table(["domain", "task", "zero", "random"], rows)]
+
+
+def _published_lines(results: Sequence[_Result]) -> list[str]:
+    """The best published score of each task by steps of training, and the sources of all."""
+    measured = _measured(results)
+    rows = [
+        [
+            f"[{domain}]({domain}.md)",
+            task,
+            *(_mean(measured.get((domain, task, policy))) for policy in ("zero", "planner")),
+            *(_published(published.best(domain, task, steps)) for steps in (*_STEPS, None)),
+        ]
+        for domain, task in suite.ALL_TASKS
+    ]
+    columns = ["domain", "task", "zero", "planner", *map(_in_millions, _STEPS), "dataset"]
+    sources = list(published.sources().values())
+    head = ["algorithm", "steps", "repeat", "runs", "mean", "spread", "source", "licence"]
+    notes = [
+        f"- {source.algorithm}: {source.second_hand}." for source in sources if source.second_hand
+    ]
+    without = ", ".join(f"{domain} {task}" for domain, task in published.none_found())
+    return [
+        _PUBLISHED_TEXT.format(without=without),
+        *_table(columns, rows),
+        _SOURCES_TEXT.format(scores=len(published.scores())),
+        *_table(head, map(_source_row, sources)),
+        _SECOND_HAND_TEXT,
+        *notes,
+    ]
+
+
+def _measured(results: Sequence[_Result]) -> dict[tuple[str, str, str], float]:
+    """Means of this project by domain, task and policy; the results' before the baselines'."""
+    found = json.loads(baselines.FILE.read_text(encoding="utf-8"))
+    means = {(row["domain"], row["task"], "zero"): row["zero"]["mean"] for row in found["rows"]}
+    for result, policy, summary in _rows_of(results):
+        means[result["domain"], result["task"], policy] = summary["mean"]
+    return means
+
+
+def _mean(number: float | None) -> str:
+    return _NOTHING if number is None else f"{number:.0f}" if number >= 10 else f"{number:.1f}"
+
+
+def _published(score: published.PublishedScore | None) -> str:
+    """A cell: mean, spread and algorithm."""
+    if score is None:
+        return _NOTHING
+    spread = "" if score.spread is None else f" ± {_mean(score.spread)}"
+    mark = _SECOND_HAND if score.source.second_hand else ""
+    return f"{_mean(score.mean)}{spread} {score.algorithm}{mark}"
+
+
+def _in_millions(steps: int) -> str:
+    return f"{steps / _MILLION:g} million"
+
+
+def _source_row(source: published.Source) -> list[str]:
+    """Facts about a source, and the numbers of steps and runs of its scores."""
+    found = [score for score in published.scores() if score.source == source]
+    steps = sorted({steps for steps in _STEPS for score in found if score.is_after(steps)})
+    runs = sorted({score.seeds for score in found if score.seeds is not None})
+    kind = "tree" if source.file.endswith("/") else "blob"
+    path = "" if source.revision is None else f"/{kind}/{source.revision}/{source.file}"
+    mark = _SECOND_HAND if source.second_hand else ""
+    return [
+        f"{source.algorithm}{mark}",
+        ", ".join(map(_in_millions, steps)) or "dataset",
+        str(source.action_repeat or _NOTHING),
+        " to ".join(map(str, dict.fromkeys((runs[0], runs[-1])))) if runs else _NOTHING,
+        source.mean,
+        source.spread,
+        f"[{source.file}]({source.address}{path})",
+        source.licence,
+    ]
 
 
 def _with_interval(summary: _Result) -> str:

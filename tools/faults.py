@@ -386,6 +386,26 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("resamples = min(at_once, RESAMPLES - first)", "resamples = at_once"),
         ("median=float(np.median(returns))", "median=float(np.sort(returns)[len(returns) // 2])"),
     ],
+    "evaluation/protocol.py": [
+        ("return None if policy == PLANNER else _ACTION_REPEAT", "return _ACTION_REPEAT"),
+        ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
+        ("return _STEPS * timestep if limit is None", "return _STEPS if limit is None"),
+        (
+            "np.array([one.scores for one in self.tasks]).T",
+            "np.array([o.scores for o in self.tasks])",
+        ),
+        ("        if found != expected:\n", "        if False:\n"),
+    ],
+    "evaluation/published.py": [
+        ("            return self.steps is steps\n", "            return False\n"),
+        ("return self.steps // self.source.action_repeat", "return self.steps"),
+        ("if score.is_after(steps)]", "]"),
+    ],
+    "evaluation/statistics.py": [
+        ("cut = int(_CUT * flat.shape[-1])", "cut = round(_CUT * flat.shape[-1])"),
+        ("size=(count, runs, tasks)", "size=(count, runs, 1)"),
+        ("_checked(scores).mean(axis=-1)", "_checked(scores).mean(axis=0)"),
+    ],
     "evaluation/store.py": [
         (
             "self.scores[policy].setdefault(score.seed, score)",

@@ -11,7 +11,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.episodes.statistics import strata, summarise
-from limberjack.evaluation import Score, evaluate
+from limberjack.evaluation import Score, evaluate, published
 from limberjack.mujoco.camera import RenderingError
 
 _REPOSITORY = Path(__file__).parents[2]
@@ -36,6 +36,50 @@ def test_the_page_is_made_of_the_committed_results(script: Any, tmp_path: Path) 
     script.main([])
     made = (tmp_path / "scores.md").read_text(encoding="utf-8")
     assert (_REPOSITORY / "docs" / "scores.md").read_text(encoding="utf-8") == made
+
+
+def _published_table() -> dict[tuple[str, str], list[str]]:
+    """Cells of the page's table of published scores by (domain, task), and the head's."""
+    text = (_REPOSITORY / "docs" / "scores.md").read_text(encoding="utf-8")
+    section = text.split("## Published scores")[1].split("\n\n| algorithm")[0]
+    rows = [line.strip("| ").split(" | ") for line in section.splitlines() if line[:1] == "|"]
+    table = {(re.sub(r"\[(\w+)\].*", r"\1", row[0]), row[1]): row[2:] for row in rows if row[1:]}
+    assert len(rows) == len(table) + 1  # the line under the head
+    return table
+
+
+def test_every_task_has_a_row_of_published_scores_or_is_named_without() -> None:
+    table = _published_table()
+    del table["domain", "task"]
+    assert list(table) == list(suite.ALL_TASKS)
+    without = [task for task, cells in table.items() if set(cells[2:]) == {"-"}]
+    assert without == list(published.none_found())
+    named = ", ".join(f"{domain} {task}" for domain, task in without)
+    page = (_REPOSITORY / "docs" / "scores.md").read_text(encoding="utf-8")
+    assert f"We found no score for {named}." in page
+
+
+def test_a_published_score_stands_in_the_column_of_its_steps() -> None:
+    table = _published_table()
+    head = table.pop(("domain", "task"))
+    steps = {
+        column: int(column.split()[0]) * 1_000_000 if column.endswith(" million") else None
+        for column in head[2:]
+    }
+    for task, cells in table.items():
+        in_columns = []
+        for column, cell in zip(head[2:], cells[2:], strict=True):
+            scores = [s for s in published.scores(*task) if s.is_after(steps[column])]
+            in_columns += scores
+            if not scores:
+                assert cell == "-", (task, column)
+                continue
+            first = max(scores, key=lambda score: score.mean)
+            mean, *_ = cell.split()
+            assert abs(float(mean) - first.mean) <= 0.5, (task, column)
+            assert re.search(rf" {re.escape(first.algorithm)}( \(2\))?$", cell)
+            assert cell.endswith("(2)") == (first.source.second_hand is not None)
+        assert len(in_columns) == len(published.scores(*task)), "no score lacks a column"
 
 
 def test_the_scores_in_the_readme_are_those_of_the_committed_results() -> None:

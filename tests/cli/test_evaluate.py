@@ -245,3 +245,96 @@ def test_a_shard_without_a_folder_is_status_2() -> None:
     result = _invoke(*_COMMAND, "--shard", "1/3", "--policy", "zero")
     assert result.exit_code == 2
     assert "--shard 1/3 needs --out DIR" in result.stderr
+
+
+# A set of tasks.
+
+
+@pytest.fixture
+def small_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two tasks and two seeds in the place of dmc-sparse and its ten."""
+    from limberjack.evaluation import protocol, sets
+
+    tasks = (("cartpole", "balance_sparse"), ("pendulum", "swingup"))
+    small = sets.TaskSet("dmc-sparse", tasks, "this test")
+    monkeypatch.setattr(sets, "_SETS_OF_PAPERS", (small,))
+    monkeypatch.setattr(protocol, "_SEEDS", range(30_000, 30_002))
+
+
+@pytest.mark.usefixtures("small_set")
+def test_a_set_has_a_row_for_each_task_and_the_aggregate_score(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = ["evaluate", "--set", "dmc-sparse", "--policy", "zero", "--policy", "random"]
+    result = _invoke(*command, "--threads", "1", "--out", str(out))
+    assert result.exit_code == 0, result.output
+    made = json.loads((out / "set.json").read_text(encoding="utf-8"))
+    for task in made["tasks"]:
+        low, high = sorted(task["returns"])
+        mean = sum(task["returns"]) / 2
+        zero, random = task["floors"]["zero"], task["floors"]["random"]
+        row = (
+            rf"^ {task['domain']} {task['task']} +{mean:.1f} +{low:.1f} +{high:.1f} "
+            rf"+{mean / 1000:.3f} +{zero:.1f} +{random:.1f} +2 +500 *$"
+        )
+        assert re.search(row, result.stdout, re.MULTILINE), result.stdout
+    summary = made["summary"]
+    assert (
+        "2 of 2 tasks of dmc-sparse, 2 runs: interquartile mean of the scores "
+        "{:.3f} ({:.3f} to {:.3f})".format(summary["interquartile_mean"], *summary["interval"])
+    ) in result.stdout
+    assert f"50 %: {summary['percentiles']['50']:.3f}" in result.stdout
+    assert result.stdout.splitlines()[-1] == str(out / "set.json")
+    assert result.stderr == ""
+    again = _invoke(*command, "--threads", "1", "--out", str(out))
+    assert again.stdout == result.stdout
+
+
+@pytest.mark.usefixtures("small_set")
+def test_tasks_that_lack_a_policy_are_printed_as_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    still = "def act(observation):\n    return [0.0]\n"
+    (tmp_path / "of_swingup.py").write_text(still, encoding="utf-8")
+    command = ["evaluate", "--set", "dmc-sparse", "--policy", "of_{task}:act", "--threads", "1"]
+    try:
+        result = _invoke(*command)
+    finally:
+        sys.modules.pop("of_swingup", None)
+    assert result.exit_code == 0, result.output
+    assert "missing: cartpole balance_sparse: policy 'of_balance_sparse:act': " in result.stdout
+    assert "1 of 2 tasks of dmc-sparse, 1 run: interquartile mean" in result.stdout
+    assert "percentiles" not in result.stdout
+
+
+@pytest.mark.usefixtures("small_set")
+def test_one_line_says_that_saved_models_of_a_set_are_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("cartpole-balance_sparse", "pendulum-swingup"):
+        (tmp_path / f"{name}.zip").write_bytes(b"no model")
+    command = ["evaluate", "--set", "dmc-sparse", "--policy", "sb3:{domain}-{task}.zip"]
+    result = _invoke(*command)
+    assert result.exit_code == 2
+    said, why = result.stderr.splitlines()
+    assert said.startswith("limberjack: policy 'sb3:{domain}-{task}.zip' is a pickle, and loading")
+    assert "no task has a policy of every run; cartpole balance_sparse: policy 'sb3:cart" in why
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "dmc29"], "no set of tasks 'dmc29'; expected one of dmc28"),
+        (["walker", "--set", "dmc28"], "got DOMAIN beside --set, which fixes them"),
+        (["--set", "dmc28", "--seeds", "0:4", "--action-repeat", "4"], "--seeds and --action-rep"),
+        (["--set", "dmc28", "--policy", "radnom"], "Did you mean 'random'?"),
+        (["walker", "walk", "--policy", "zero", "--policy", "random"], "got 2 policies; expected"),
+    ],
+)
+def test_a_mistake_with_a_set_is_one_line_and_status_2(arguments: list[str], message: str) -> None:
+    result = _invoke("evaluate", *arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -30,6 +30,7 @@ from . import environments
 _DIFFERENT = {
     ("bench", "--threads"): "the most of several numbers that it measures",
     ("bench", "--seconds"): "of a measurement; those of record are simulated",
+    ("evaluate", "--policy"): "is given once for each run with --set",
     ("convert", "--out"): "a folder of Minari's, which holds many datasets",
     ("record", "--out"): "one file",
     ("info", "--json"): "has more than doctor's and list's",

@@ -1,7 +1,7 @@
 """`limberjack evaluate`: scores of a policy, beside zero and random actions on the same seeds."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,7 +13,6 @@ from limberjack.cli.options import (
     Episodes,
     OptionalDomain,
     Out,
-    PolicyName,
     Ray,
     Seeds,
     Shard,
@@ -35,28 +34,53 @@ from limberjack.cli.output import (
     remarks_reported,
     search_working_directory,
     summaries_table,
+    table,
+    visible,
 )
 from limberjack.cli.process import command_line
 from limberjack.cli.progress import Units, show_units
 
 if TYPE_CHECKING:
     from limberjack.evaluation import Evaluation
+    from limberjack.evaluation.protocol import SetEvaluation
 
 __all__: list[str] = []
 
 _EPISODES = 100  # by default
+
+_Set = Annotated[
+    str | None,
+    typer.Option(
+        "--set",
+        metavar="NAME",
+        help="In the place of DOMAIN TASK: a set of tasks, such as dmc28, with fixed seeds, "
+        "episodes and action repeat.",
+    ),
+]
+_Policies = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--policy",
+        metavar="NAME",
+        help="What acts: zero, random, planner, MODULE:CALLABLE, or sb3:PATH of a saved model. "
+        "With --set, {domain} and {task} stand for those of each task, and each --policy is a run.",
+        show_default="zero",
+    ),
+]
 
 
 @command(
     "evaluate",
     "limberjack evaluate stacker stack_2 --policy my_policies:Still --seeds 0:50",
     "limberjack evaluate humanoid/walk --policy sb3:walk.zip --out scores",
+    "limberjack evaluate --set dmc28 --policy my_policies:Learned --out scores",
 )
 def _evaluate(
     domain: OptionalDomain = None,
     task: TaskName = None,
     env: EnvironmentName = None,
-    policy: PolicyName = "zero",
+    task_set: _Set = None,
+    policy: _Policies = None,
     seeds: Seeds = None,
     episodes: Episodes = None,
     out: Out = None,
@@ -77,11 +101,18 @@ def _evaluate(
     With --out every episode is written as it ends, and the same command continues an evaluation
     that was killed. The planner plays one episode per core, unless --threads is given.
     """
+    names = policy or ["zero"]
+    if task_set is not None:
+        with misuse_reported():
+            _check_fixed(domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
+        _evaluate_set(task_set, names, out, threads, workers, ray, any_processor)
+        return
     with misuse_reported():
         where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
-    search_working_directory(policy)
+        name = _only(names)
+    search_working_directory(name)
     with (
         remarks_reported(),
         show_units() as progress,
@@ -89,10 +120,10 @@ def _evaluate(
     ):
         from limberjack.evaluation import evaluate
 
-        progress.begin(_count(chosen, part, policy))
+        progress.begin(_count(chosen, part, name))
         evaluation = evaluate(
             *where,
-            policy,
+            name,
             chosen,
             out=out,
             num_threads=threads,
@@ -108,6 +139,117 @@ def _evaluate(
             command=command_line(),
         )
     _print(evaluation) if shard is None else _print_shard(shard, progress.episodes, out)
+
+
+# The arguments that --set fixes, in the order in which `_check_fixed` takes them.
+_FIXED = (
+    "DOMAIN",
+    "--env",
+    "--seeds",
+    "--episodes",
+    "--time-limit",
+    "--action-repeat",
+    "--shard",
+    "--vectorised",
+)
+
+
+def _check_fixed(*values: object) -> None:
+    """Raises ValueError if an argument is given that --set fixes."""
+    given = [name for name, value in zip(_FIXED, values, strict=True) if value is not None]
+    if given:
+        raise ValueError(f"got {' and '.join(given)} beside --set, which fixes them: leave it out")
+
+
+def _only(names: list[str]) -> str:
+    """The policy; raises ValueError if there are several."""
+    if len(names) > 1:
+        raise ValueError(f"got {len(names)} policies; expected one --policy, or --set NAME")
+    return names[0]
+
+
+def _evaluate_set(
+    task_set: str,
+    names: list[str],
+    out: Path | None,
+    threads: int | None,
+    workers: int | None,
+    ray: str | None,
+    any_processor: bool,
+) -> None:
+    """Measures one or more runs on all tasks of a set, and prints the scores."""
+    with (
+        rows_reported(),
+        show_units() as progress,
+        failures_reported(progress, lambda: _done(progress, out)),
+    ):
+        from limberjack.evaluation.protocol import episodes_of, evaluate_set, policy_for
+        from limberjack.evaluation.sets import tasks_of
+
+        tasks = tasks_of(task_set)
+        for name in names:
+            search_working_directory(name, [str(policy_for(name, *task)) for task in tasks])
+        progress.begin(episodes_of(task_set, names))
+        found = evaluate_set(
+            task_set,
+            names,
+            out=out,
+            num_threads=threads,
+            workers=workers,
+            ray=ray,
+            any_processor=any_processor,
+            on_progress=progress.show,
+            command=command_line(),
+        )
+    _print_set(found)
+
+
+def _print_set(found: "SetEvaluation") -> None:
+    several = len(found.runs) > 1
+    spread = ("lowest run>", "highest run>") if several else ()
+    rows = table(
+        "task", "return>", *spread, "score>", "zero>", "random>", "repeat>", "agent steps>"
+    )
+    for one in found.tasks:
+        mean = sum(one.returns) / len(one.returns)
+        bounds = (f"{min(one.returns):.1f}", f"{max(one.returns):.1f}") if several else ()
+        rows.add_row(
+            visible(f"{one.domain} {one.task}"),
+            f"{mean:.1f}",
+            *bounds,
+            f"{sum(one.scores) / len(one.scores):.3f}",
+            *(f"{one.floors[floor]:.1f}" for floor in ("zero", "random")),
+            _range(one.action_repeats),
+            _range(one.agent_steps),
+        )
+    console().print(rows)
+    for (domain, task), reason in found.missing.items():
+        typer.echo(visible(f"missing: {domain} {task}: {reason}"))
+    for line in _set_lines(found):
+        typer.echo(line)
+    for path in found.files:
+        typer.echo(path)
+
+
+def _range(numbers: tuple[int, ...]) -> str:
+    low, high = min(numbers), max(numbers)
+    return str(low) if low == high else f"{low} to {high}"
+
+
+def _set_lines(found: "SetEvaluation") -> list[str]:
+    """The aggregate score, and what it is."""
+    runs = "1 run" if len(found.runs) == 1 else f"{len(found.runs)} runs"
+    tasks = f"{len(found.tasks)} of {len(found.set.tasks)} tasks of {found.set.name}"
+    interval = found.interval
+    bounds = "" if interval is None else " ({:.3f} to {:.3f})".format(*interval)
+    lines = [
+        f"{tasks}, {runs}: interquartile mean of the scores {found.interquartile_mean:.3f}{bounds}",
+        "score: return / 1000; interval: 95 %, by stratified bootstrap over runs",
+    ]
+    if len(found.runs) > 1:
+        shares = ", ".join(f"{at} %: {value:.3f}" for at, value in found.percentiles.items())
+        lines.insert(1, f"percentiles of the runs' mean scores: {shares}")
+    return lines
 
 
 def _count(seeds: range, shard: tuple[int, int] | None, policy: str) -> int:

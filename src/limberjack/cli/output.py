@@ -4,7 +4,7 @@ import contextlib
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TextIO
 
@@ -52,17 +52,21 @@ MISUSED = 2
 _PIPE_WIDTH = 200  # columns without a terminal, so that no row is broken
 
 
-def search_working_directory(policy: str) -> None:
+def search_working_directory(policy: str, names: Iterable[str] = ()) -> None:
     """Lets Python import the module of a policy MODULE:CALLABLE from the working directory.
 
     The directory is searched last, and only for such a policy, so that a stray matplotlib.py in it
     is not imported in place of the installed one. A model of Stable-Baselines3 is code too, though
     it looks like data: a line says so before it is loaded.
+
+    Args:
+      policy: its name.
+      names: those of which it is the pattern, if it is one.
     """
     from limberjack import policies
 
     if policies.runs_code(policy):
-        _say_that_it_is_code(policy)
+        _say_that_it_is_code(policy, [policy, *names])
     elif ":" in policy and not policies.is_saved_model(policy):
         append_working_directory()
 
@@ -70,8 +74,8 @@ def search_working_directory(policy: str) -> None:
 _said: set[str] = set()  # names of the saved models that a line was written about
 
 
-def _say_that_it_is_code(policy: str) -> None:
-    if policy in _said or not any(Path(name).is_file() for name in _files_of(policy)):
+def _say_that_it_is_code(policy: str, names: Iterable[str]) -> None:
+    if policy in _said or not any(Path(file).is_file() for one in names for file in _files_of(one)):
         return  # without a file, the error says so
     _said.add(policy)
     complain(

@@ -1,0 +1,362 @@
+"""`evaluate_set`: scores of an agent on a set of tasks, by the protocol of papers.
+
+    found = evaluate_set("dmc28", "sb3:runs/0/{domain}-{task}.zip", out="set")
+    print(found.interquartile_mean, found.missing)
+
+    runs = [{("walker", "walk"): my_agent, ("walker", "run"): other}, ...]  # policies by task
+    found = evaluate_set("dmc28", runs)
+    print(found.interval, found.percentiles)
+
+A run is one training of an agent on each of the tasks. The protocol fixes everything else, so that
+two results with the same set and version can be compared: ten episodes of each task, from the same
+seeds, of 1,000 control steps; and two control steps per action, except for policies that act at
+every control step. A score is the mean return divided by 1,000.
+
+Episodes are played and kept by `evaluate`, with zero and random actions beside them, in a folder
+for each run and task. The same call continues where an earlier one was killed. A task for which a
+run has no policy, or one that does not fit, is left out of all means, and listed with the reason.
+"""
+
+import concurrent.futures
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from limberjack import policies, suite
+from limberjack.episodes.environments import inside, step_limit_of
+from limberjack.evaluation import sets, statistics
+from limberjack.evaluation.experiment import FLOORS, evaluate
+from limberjack.evaluation.results import Evaluation
+from limberjack.evaluation.sets import TaskSet
+from limberjack.policies import PolicyError
+from limberjack.policies.built_in import PLANNER
+from limberjack.utils.facts import Facts
+from limberjack.utils.files import replacing
+from limberjack.workers import OnProgress
+
+__all__ = [
+    "SUMMARY",
+    "VERSION",
+    "SetEvaluation",
+    "TaskScores",
+    "episodes_of",
+    "evaluate_set",
+    "policy_for",
+]
+
+VERSION = 1  # of the protocol: it changes with any of the numbers below
+SUMMARY = "set.json"  # the file of the results of all tasks
+
+_SEEDS = range(30_000, 30_010)  # on which neither the planner nor an agent of ours was tuned
+_STEPS = 1000  # control steps of an episode; as many as tasks with a time limit of their own have
+_ACTION_REPEAT = 2
+_FULL_RETURN = 1000.0  # the largest return of such an episode; a score is a share of it
+
+_Task = tuple[str, str]
+
+
+@dataclasses.dataclass(frozen=True)
+class TaskScores:
+    """Scores of all runs on one task."""
+
+    domain: str
+    task: str
+    returns: tuple[float, ...]  # the mean return of each run
+    action_repeats: tuple[int, ...]  # control steps per action of each run
+    control_steps: int  # of an episode
+    floors: Mapping[str, float]  # the mean return of zero and of random actions
+
+    @property
+    def scores(self) -> tuple[float, ...]:
+        """The mean return of each run divided by 1,000."""
+        return tuple(one / _FULL_RETURN for one in self.returns)
+
+    @property
+    def agent_steps(self) -> tuple[int, ...]:
+        """Actions in an episode of each run."""
+        return tuple(math.ceil(self.control_steps / repeat) for repeat in self.action_repeats)
+
+
+@dataclasses.dataclass(frozen=True)
+class SetEvaluation:
+    """Scores of the runs of an agent on a set of tasks."""
+
+    set: TaskSet
+    runs: tuple[str, ...]  # the names of their policies
+    tasks: tuple[TaskScores, ...]  # those that all runs have
+    missing: Mapping[_Task, str]  # the other tasks of the set, each with the reason
+    versions: Mapping[str, str]  # of the packages
+    files: tuple[Path, ...] = ()  # files that were written
+
+    @property
+    def scores(self) -> np.ndarray:
+        """(runs, tasks)."""
+        return np.array([one.scores for one in self.tasks]).T
+
+    @property
+    def interquartile_mean(self) -> float:
+        """The mean of the middle half of all scores."""
+        return float(statistics.interquartile_mean(self.scores))
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval of the interquartile mean over runs; None for one run."""
+        return statistics.stratified_interval(self.scores)
+
+    @property
+    def percentiles(self) -> dict[int, float]:
+        """Percentiles over runs of their mean scores."""
+        return statistics.percentiles(self.scores)
+
+    def as_json(self) -> Facts:
+        """The content of set.json."""
+        scores = self.scores
+        summary = {
+            "tasks": len(self.tasks),
+            "mean": float(scores.mean()),
+            "mean_of_runs": scores.mean(axis=-1).tolist(),
+            "interquartile_mean": self.interquartile_mean,
+            "interval": self.interval,
+            "percentiles": {str(at): value for at, value in self.percentiles.items()},
+        }
+        tasks = [
+            {**dataclasses.asdict(one), "scores": one.scores, "agent_steps": one.agent_steps}
+            for one in self.tasks
+        ]
+        missing = [
+            {"domain": domain, "task": task, "reason": reason}
+            for (domain, task), reason in self.missing.items()
+        ]
+        facts = {"summary": summary, "tasks": tasks, "missing": missing}
+        return {**_asked_for(self.set, self.runs), **facts, "versions": dict(self.versions)}
+
+
+def evaluate_set(
+    task_set: str | TaskSet,
+    runs: object,
+    *,
+    out: Path | str | None = None,
+    num_threads: int | None = None,
+    workers: int | None = None,
+    executor: concurrent.futures.Executor | None = None,
+    ray: str | None = None,
+    any_processor: bool = False,
+    on_progress: OnProgress | None = None,
+    command: str = "",
+) -> SetEvaluation:
+    """The scores of one or more runs of an agent on all tasks of a set.
+
+    Args:
+      task_set: its name, such as 'dmc28', or a set of your own.
+      runs: one, or a list of several. A run is the name of a policy, in which {domain} and {task}
+        stand for those of each task; a policy itself; or a dictionary of policies by
+        (domain, task), which may lack tasks.
+      out: a folder for the results. Episodes that finished there in an earlier call are not played
+        again.
+      num_threads: as for `evaluate`, like the others.
+      workers: processes that play.
+      executor: plays the episodes in place of processes made here.
+      ray: address of a Ray cluster that plays the episodes.
+      any_processor: accept workers and episodes of processors that round differently.
+      on_progress: called as by `evaluate`, with the number of episodes of all tasks and runs; those
+        of tasks that are left out count as finished. `episodes_of` has their number.
+      command: the command line as it was typed, for the pages; empty if there was none.
+
+    Raises:
+      ValueError: there is no such set, or no run, or the folder holds other results.
+      PolicyError: a run has no policy for any task; or a policy returned no valid action.
+      WorkError, OSError: as `evaluate`.
+    """
+    chosen, given = _chosen(task_set, runs)
+    names = tuple(map(_name_of, given))
+    directory = None if out is None else Path(out).absolute()
+    if directory is not None:
+        _check_folder(directory, _asked_for(chosen, names))
+    missing = _missing(chosen, given)
+    if directory is not None and not (directory / SUMMARY).exists():
+        _write(directory / SUMMARY, _asked_for(chosen, names))
+    count = _Counting(on_progress, len(missing) * _episodes(given))
+    found: dict[_Task, list[Evaluation]] = {t: [] for t in chosen.tasks if t not in missing}
+    for domain, task in found:
+        for number, run in enumerate(given, start=1):
+            folder = None if directory is None else directory / f"run-{number}" / f"{domain}-{task}"
+            policy = policy_for(run, domain, task)
+            found[domain, task].append(
+                evaluate(
+                    domain,
+                    task,
+                    policy,
+                    _SEEDS,
+                    out=folder,
+                    num_threads=num_threads,
+                    time_limit=_time_limit(domain, task),
+                    action_repeat=_action_repeat(policy),
+                    workers=workers,
+                    executor=executor,
+                    ray=ray,
+                    any_processor=any_processor,
+                    on_progress=count.show,
+                    command=command,
+                )
+            )
+            count.add(_episodes([run]))
+    tasks = tuple(_scores_of(*task, of_runs) for task, of_runs in found.items())
+    versions = next(iter(found.values()))[0].facts["versions"]
+    result = SetEvaluation(chosen, names, tasks, missing, versions)
+    return result if directory is None else _written(result, directory)
+
+
+def episodes_of(task_set: str | TaskSet, runs: object) -> int:
+    """The number of episodes that `evaluate_set` reports progress of, baselines included."""
+    chosen, given = _chosen(task_set, runs)
+    return len(chosen.tasks) * _episodes(given)
+
+
+def _chosen(task_set: str | TaskSet, runs: object) -> tuple[TaskSet, list[object]]:
+    """The set, and the runs as a list; raises ValueError if one of them is unknown or empty."""
+    chosen = sets.find(task_set) if isinstance(task_set, str) else task_set
+    given = list(runs) if isinstance(runs, list | tuple) else [runs]
+    if not given:
+        raise ValueError("there are no runs; expected at least one policy")
+    return chosen, given
+
+
+class _Counting:
+    """Reports progress over all tasks and runs."""
+
+    def __init__(self, on_progress: OnProgress | None, finished: int) -> None:
+        self._on_progress = on_progress
+        self._finished = finished
+
+    def show(self, what: str, finished: int, part: float = 0.0) -> None:
+        """Reports progress within the present task and run."""
+        if self._on_progress is not None:
+            self._on_progress(what, self._finished + finished, part)
+
+    def add(self, episodes: int) -> None:
+        """Counts the episodes of a task and run that are finished."""
+        self._finished += episodes
+
+
+def _episodes(runs: Sequence[object]) -> int:
+    """The number of episodes on one task."""
+    return sum(len({_name_of(run), *FLOORS}) * len(_SEEDS) for run in runs)
+
+
+def _name_of(run: object) -> str:
+    """The name of a run, as results call it."""
+    if isinstance(run, Mapping):
+        return ", ".join(dict.fromkeys(_name_of(policy) for policy in run.values()))
+    return run if isinstance(run, str) else policies.find(run).name
+
+
+def policy_for(run: object, domain: str, task: str) -> object:
+    """The run's policy for a task, or its name; None if it has none."""
+    if isinstance(run, Mapping):
+        return run.get((domain, task))
+    if isinstance(run, str):
+        return run.replace("{domain}", domain).replace("{task}", task)
+    return run
+
+
+def _missing(task_set: TaskSet, runs: Sequence[object]) -> dict[_Task, str]:
+    """The tasks that are left out with the reason; raises PolicyError if all are."""
+    missing = dict(_unplayable(task_set, runs))
+    if len(missing) == len(task_set.tasks):
+        (domain, task), reason = next(iter(missing.items()))
+        raise PolicyError(f"no task has a policy of every run; {domain} {task}: {reason}")
+    return missing
+
+
+def _unplayable(task_set: TaskSet, runs: Sequence[object]) -> Iterator[tuple[_Task, str]]:
+    """The tasks for which a run has no policy that fits, each with the reason."""
+    for domain, task in task_set.tasks:
+        environment = suite.load(domain, task)
+        for run in runs:
+            policy = policy_for(run, domain, task)
+            if policy is None:
+                yield (domain, task), f"{_name_of(run) or 'a run'} has no policy for it"
+                break
+            try:
+                policies.find(policy, environment, num_threads=1)
+            except PolicyError as error:
+                yield (domain, task), str(error)
+                break
+        environment.close()
+
+
+def _action_repeat(policy: object) -> int | None:
+    """Control steps per action; None for the task's own, at which the planner acts."""
+    return None if policy == PLANNER else _ACTION_REPEAT
+
+
+def _time_limit(domain: str, task: str) -> float | None:
+    """Seconds of an episode of a task without a time limit; None for a task that has one."""
+    environment = suite.load(domain, task)
+    limit = step_limit_of(environment)
+    timestep = inside(environment).control_timestep()
+    environment.close()
+    return _STEPS * timestep if limit is None else None
+
+
+def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> TaskScores:
+    first = evaluations[0]
+    return TaskScores(
+        domain,
+        task,
+        tuple(one.summary().mean for one in evaluations),
+        tuple(one.facts["action_repeat"] for one in evaluations),
+        max(score.length for score in first.scores[first.policy]),
+        {name: first.summary(name).mean for name in FLOORS},
+    )
+
+
+def _asked_for(task_set: TaskSet, runs: Sequence[str]) -> Facts:
+    """The facts that identify the results of a folder."""
+    return {
+        "set": task_set.name,
+        "source": task_set.source,
+        "protocol": VERSION,
+        "of_tasks": [list(task) for task in task_set.tasks],
+        "seeds": f"{_SEEDS[0]}:{_SEEDS[-1] + 1}",
+        "score": f"mean return divided by {_FULL_RETURN:g}",
+        "runs": list(runs),
+    }
+
+
+def _check_folder(directory: Path, asked_for: Facts) -> None:
+    """Raises ValueError if a folder holds other results, or anything else."""
+    path = directory / SUMMARY
+    if not path.exists():
+        if directory.exists() and any(directory.iterdir()):
+            raise ValueError(
+                f"{directory} holds other files and no {SUMMARY}: choose another folder"
+            )
+        return
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} is no result of this command: {error}") from None
+    for name, expected in asked_for.items():
+        found = there.get(name) if isinstance(there, dict) else None
+        if found != expected:
+            raise ValueError(
+                f"{directory} holds an evaluation with {name} {found!r}, and this one has "
+                f"{expected!r}: choose another folder, or remove that one"
+            )
+
+
+def _written(result: SetEvaluation, directory: Path) -> SetEvaluation:
+    path = directory / SUMMARY
+    _write(path, result.as_json())
+    return dataclasses.replace(result, files=(path,))
+
+
+def _write(path: Path, content: Facts) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")

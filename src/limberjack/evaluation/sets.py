@@ -1,0 +1,131 @@
+"""Sets of tasks by the names that papers give them.
+
+    from limberjack.evaluation import sets
+
+    sets.tasks_of("dmc28")      # (('acrobot', 'swingup'), ('ball_in_cup', 'catch'), ...)
+    sets.find("dmc28").source   # the code that defines it
+
+The sets of papers are fixed. Those of the suite's tags follow its constants: `all` and `extra` have
+the tasks of registered domains too.
+"""
+
+import dataclasses
+
+from limberjack import suite
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["TaskSet", "find", "names", "tasks_of"]
+
+_Tasks = tuple[tuple[str, str], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class TaskSet:
+    """Tasks that are evaluated together."""
+
+    name: str
+    tasks: _Tasks  # (domain, task) pairs
+    source: str  # the code that defines the set
+
+
+# The 21 tasks that papers call easy and medium.
+_EASY_AND_MEDIUM = (
+    ("acrobot", "swingup"),
+    ("ball_in_cup", "catch"),
+    ("cartpole", "balance"),
+    ("cartpole", "balance_sparse"),
+    ("cartpole", "swingup"),
+    ("cartpole", "swingup_sparse"),
+    ("cheetah", "run"),
+    ("finger", "spin"),
+    ("finger", "turn_easy"),
+    ("finger", "turn_hard"),
+    ("fish", "swim"),
+    ("hopper", "stand"),
+    ("hopper", "hop"),
+    ("pendulum", "swingup"),
+    ("quadruped", "walk"),
+    ("quadruped", "run"),
+    ("reacher", "easy"),
+    ("reacher", "hard"),
+    ("walker", "stand"),
+    ("walker", "walk"),
+    ("walker", "run"),
+)
+# Those that DrQ-v2, which learns from pixels, calls hard are the three of the humanoid.
+_HARD = (
+    ("dog", "stand"),
+    ("dog", "walk"),
+    ("dog", "trot"),
+    ("dog", "run"),
+    ("humanoid", "stand"),
+    ("humanoid", "walk"),
+    ("humanoid", "run"),
+)
+_SPARSE = (
+    ("ball_in_cup", "catch"),
+    ("cartpole", "balance_sparse"),
+    ("cartpole", "swingup_sparse"),
+    ("finger", "spin"),
+    ("finger", "turn_easy"),
+    ("finger", "turn_hard"),
+    ("reacher", "easy"),
+    ("reacher", "hard"),
+)
+
+_SIMBAV2 = "scale_rl/envs/dmc.py in https://github.com/DAVIAN-Robotics/SimbaV2, commit 86899c2"
+_SETS_OF_PAPERS = (
+    TaskSet(
+        "dmc28",
+        tuple(sorted((*_EASY_AND_MEDIUM, *_HARD), key=suite.ALL_TASKS.index)),
+        f"DMC_EASY_MEDIUM and DMC_HARD of {_SIMBAV2}; the list dmc in MRQ/utils.py of "
+        "https://github.com/facebookresearch/MRQ, commit 8a44a7d, has the same tasks",
+    ),
+    TaskSet("dmc-hard", _HARD, f"DMC_HARD of {_SIMBAV2}"),
+    TaskSet("dmc-sparse", _SPARSE, f"DMC_SPARSE of {_SIMBAV2}"),
+)
+
+
+def names() -> tuple[str, ...]:
+    """The names of all sets."""
+    return tuple(one.name for one in _sets())
+
+
+def find(name: str) -> TaskSet:
+    """The set of a name.
+
+    Raises:
+      ValueError: there is no such set.
+    """
+    for one in _sets():
+        if one.name == name:
+            return one
+    raise ValueError(
+        f"no set of tasks {name!r}; expected one of {', '.join(names())}."
+        f"{did_you_mean(name, names())}"
+    )
+
+
+def tasks_of(name: str) -> _Tasks:
+    """The (domain, task) pairs of a set.
+
+    Raises:
+      ValueError: there is no such set.
+    """
+    return find(name).tasks
+
+
+def _sets() -> tuple[TaskSet, ...]:
+    """The sets of papers, and those of the suite's tags as they are now."""
+    tags = {
+        "all": "ALL_TASKS",
+        "benchmarking": "BENCHMARKING",
+        "extra": "EXTRA",
+        "easy": "EASY",
+        "hard": "HARD",
+    }
+    tagged = (
+        TaskSet(name, getattr(suite, constant), f"dm_control's suite.{constant}")
+        for name, constant in tags.items()
+    )
+    return (*_SETS_OF_PAPERS, *tagged)

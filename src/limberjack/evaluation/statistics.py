@@ -1,0 +1,107 @@
+"""Statistics of runs on a set of tasks, as papers report them.
+
+    scores = returns / 1000                             # (runs, tasks)
+    interquartile_mean(scores)                          # mean of the middle half of all scores
+    stratified_interval(scores)                         # its 95 % interval
+    percentiles(scores)                                 # of the runs' mean scores
+
+A run is one training of an agent, and its score on a task is the mean over its episodes. The
+definitions are those of rliable (https://github.com/google-research/rliable, commit 3ccd9f4):
+`aggregate_iqm`, and `get_interval_estimates` with its defaults. Statistics of the episodes of one
+policy on one task are in `limberjack.episodes.statistics`.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+__all__ = ["PERCENTILES", "RESAMPLES", "interquartile_mean", "percentiles", "stratified_interval"]
+
+RESAMPLES = 50_000  # rliable's default
+PERCENTILES = (5, 25, 50, 75, 95)
+
+_CONFIDENCE = 0.95
+_CUT = 0.25  # share of the scores that is left out at each end
+_SEED = 0  # of the bootstrap, so that the same scores give the same interval
+_AT_ONCE = 1_000_000  # scores drawn at once; they take 8 MB
+
+
+def interquartile_mean(scores: np.ndarray) -> np.ndarray:
+    """The mean of the scores without the lowest and the highest quarter, over the last two axes.
+
+    Of n scores the floor(n / 4) lowest and as many of the highest are left out.
+
+    Args:
+      scores: (..., runs, tasks).
+
+    Returns:
+      (...).
+    """
+    flat = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
+    cut = int(_CUT * flat.shape[-1])
+    return flat[..., cut : flat.shape[-1] - cut].mean(axis=-1)
+
+
+def stratified_interval(
+    scores: np.ndarray,
+    statistic: Callable[[np.ndarray], np.ndarray] = interquartile_mean,
+    *,
+    resamples: int = RESAMPLES,
+) -> tuple[float, float] | None:
+    """The 95 % interval of a statistic over runs, by the stratified percentile bootstrap.
+
+    Each task is a stratum: a resample has, for each task, as many of that task's scores as there
+    are runs, drawn with replacement. The bounds are the 2.5 % and the 97.5 % quantile of the
+    statistic. The tasks stay the same: the interval says what other runs on them would give.
+
+    Args:
+      scores: (runs, tasks).
+      statistic: takes (resamples, runs, tasks) and returns (resamples,).
+      resamples: number of resamples.
+
+    Returns:
+      The bounds; None for fewer than two runs, which have no spread.
+
+    Raises:
+      ValueError: the scores have another shape, are not finite, or there are none.
+    """
+    runs, tasks = _checked(scores).shape
+    if runs < 2:
+        return None
+    # RandomState: its streams are the same in all versions of NumPy.
+    stream = np.random.RandomState(_SEED)
+    at_once = max(1, _AT_ONCE // scores.size)
+    values = []
+    for first in range(0, resamples, at_once):
+        count = min(at_once, resamples - first)
+        drawn = stream.randint(runs, size=(count, runs, tasks))
+        values.append(statistic(scores[drawn, np.arange(tasks)]))
+    tail = (1 - _CONFIDENCE) / 2
+    low, high = np.quantile(np.concatenate(values), [tail, 1 - tail])
+    return float(low), float(high)
+
+
+def percentiles(scores: np.ndarray) -> dict[int, float]:
+    """The 5th, 25th, 50th, 75th and 95th percentile of the runs' mean scores over all tasks.
+
+    Args:
+      scores: (runs, tasks).
+
+    Raises:
+      ValueError: the scores have another shape, are not finite, or there are none.
+    """
+    of_runs = _checked(scores).mean(axis=-1)
+    return dict(zip(PERCENTILES, np.percentile(of_runs, PERCENTILES).tolist(), strict=True))
+
+
+def _checked(scores: np.ndarray) -> np.ndarray:
+    """The scores, if they are a matrix of finite numbers."""
+    if scores.ndim != 2 or scores.size == 0:
+        raise ValueError(f"scores have shape {scores.shape}; expected (runs, tasks)")
+    if not np.isfinite(scores).all():
+        run, task = np.argwhere(~np.isfinite(scores))[0].tolist()
+        raise ValueError(
+            f"the score of run {run} on task {task} is {scores[run, task]}; leave out tasks that a "
+            "run lacks"
+        )
+    return scores

@@ -1,0 +1,173 @@
+"""The scores of runs on a set of tasks, by the protocol of papers."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from limberjack import policies, suite
+from limberjack.evaluation import evaluate, protocol, statistics
+from limberjack.evaluation.protocol import TaskScores, episodes_of, evaluate_set
+from limberjack.evaluation.sets import TaskSet
+from limberjack.policies import PolicyError
+
+_FAST = TaskSet("fast", (("cartpole", "balance"), ("pendulum", "swingup")), "this test")
+
+
+@pytest.fixture(autouse=True)
+def _few_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(protocol, "_SEEDS", range(30_000, 30_002))
+
+
+def test_a_score_is_the_mean_return_that_evaluate_measures() -> None:
+    found = evaluate_set(_FAST, ["zero", "random"], num_threads=1)
+    assert found.runs == ("zero", "random")
+    assert [(one.domain, one.task) for one in found.tasks] == list(_FAST.tasks)
+    for run, policy in enumerate(found.runs):
+        for one in found.tasks:
+            alone = evaluate(
+                one.domain, one.task, policy, range(30_000, 30_002), action_repeat=2, num_threads=1
+            )
+            assert one.returns[run] == alone.summary().mean
+            assert one.floors["random"] == alone.summary("random").mean
+    assert found.scores.shape == (2, 2)
+    assert found.scores[0, 1] == found.tasks[1].returns[0] / 1000
+    assert found.interquartile_mean == statistics.interquartile_mean(found.scores)
+    assert found.interval == statistics.stratified_interval(found.scores)
+    assert found.percentiles == statistics.percentiles(found.scores)
+    assert found.missing == {}
+
+
+def test_actions_are_repeated_twice_and_a_task_without_a_limit_has_a_thousand_steps() -> None:
+    actions: list[int] = []
+
+    def counting(observation: object) -> np.ndarray:
+        actions.append(1)
+        return np.zeros(1)
+
+    found = evaluate_set(TaskSet("one", (("lqr", "lqr_2_1"),), "here"), counting, num_threads=1)
+    (one,) = found.tasks
+    assert (one.control_steps, one.action_repeats, one.agent_steps) == (1000, (2,), (500,))
+    assert len(actions) == 2 * 500  # of two episodes
+    assert found.interval is None  # one run has no spread
+
+
+def test_the_planner_acts_at_every_control_step() -> None:
+    assert protocol._action_repeat("planner") is None
+    assert protocol._action_repeat("planner_of_mine:act") == 2
+    scores = TaskScores("walker", "walk", (1.0, 2.0), (1, 2), 1000, {})
+    assert scores.agent_steps == (1000, 500)
+
+
+def test_every_task_of_the_suite_with_a_time_limit_has_the_steps_of_the_protocol() -> None:
+    for domain, task in (("walker", "walk"), ("manipulator", "bring_ball")):
+        assert protocol._time_limit(domain, task) is None
+    with suite.load("lqr", "lqr_6_2") as environment:
+        limit = 1000 * environment.control_timestep()
+    assert protocol._time_limit("lqr", "lqr_6_2") == limit
+
+
+def test_tasks_without_a_policy_are_listed_with_the_reason(tmp_path: Path) -> None:
+    tasks = TaskSet("two", (("pendulum", "swingup"), ("cartpole", "two_poles")), "here")
+    by_task = {("pendulum", "swingup"): "zero"}
+    found = evaluate_set(tasks, [by_task, "random"], out=tmp_path / "out", num_threads=1)
+    assert [(one.domain, one.task) for one in found.tasks] == [("pendulum", "swingup")]
+    assert found.missing == {("cartpole", "two_poles"): "zero has no policy for it"}
+    made = json.loads((tmp_path / "out" / "set.json").read_text(encoding="utf-8"))
+    assert made["missing"] == [
+        {"domain": "cartpole", "task": "two_poles", "reason": "zero has no policy for it"}
+    ]
+    assert made["summary"]["tasks"] == 1
+    assert made["of_tasks"] == [list(task) for task in tasks.tasks]
+
+
+def test_a_policy_that_does_not_fit_a_task_is_missing_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tasks = TaskSet("two", (("acrobot", "swingup_sparse"), ("pendulum", "swingup")), "here")
+    find = policies.find
+
+    def strict(policy: object, environment: object = None, **kwargs: object) -> object:
+        if policy == "fits:pendulum-swingup":
+            return find("zero")
+        raise PolicyError(f"policy {policy!r} is for other tasks")
+
+    monkeypatch.setattr(policies, "find", strict)
+    reasons = dict(protocol._unplayable(tasks, ["fits:{domain}-{task}"]))
+    assert reasons == {
+        ("acrobot", "swingup_sparse"): "policy 'fits:acrobot-swingup_sparse' is for other tasks"
+    }
+
+
+def test_a_run_without_any_policy_is_refused_with_its_reason(tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match=r"no task .* cartpole balance: .*Did you mean 'random'"):
+        evaluate_set(_FAST, ["zero", "radnom"], out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()  # so that the same folder serves for the right name
+    with pytest.raises(ValueError, match="there are no runs; expected at least one policy"):
+        evaluate_set(_FAST, [])
+    with pytest.raises(ValueError, match="no set of tasks 'dmc29'"):
+        evaluate_set("dmc29", "zero")
+
+
+def test_a_run_that_was_killed_is_continued(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    calls: list[tuple[str, int]] = []
+
+    def stop(what: str, finished: int, part: float = 0.0) -> None:
+        calls.append((what, finished))
+        if finished >= episodes_of(_FAST, "zero") // 2 + 1:  # in the second task
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_set(_FAST, "zero", out=out, num_threads=1, on_progress=stop)
+    first = (out / "run-1" / "cartpole-balance" / "episodes.jsonl").read_bytes()
+    found = evaluate_set(_FAST, "zero", out=out, num_threads=1)
+    assert (out / "run-1" / "cartpole-balance" / "episodes.jsonl").read_bytes() == first
+    assert found.files == (out / "set.json",)
+    undisturbed = evaluate_set(_FAST, "zero", num_threads=1)
+    assert found.tasks == undisturbed.tasks
+    assert json.loads((out / "set.json").read_text())["tasks"][0]["scores"] == list(
+        undisturbed.tasks[0].scores
+    )
+
+
+def test_progress_ends_at_the_number_of_episodes() -> None:
+    calls: list[int] = []
+    evaluate_set(
+        _FAST,
+        ["random", "zero"],
+        num_threads=1,
+        on_progress=lambda what, done, part: calls.append(done),
+    )
+    assert calls == sorted(calls)
+    assert calls[-1] == episodes_of(_FAST, ["random", "zero"]) == 2 * 2 * 2 * 2
+    assert episodes_of("dmc28", {("walker", "walk"): "zero"}) == 28 * 2 * 2
+
+
+def test_a_folder_of_other_results_is_refused_and_left_alone(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    evaluate_set(_FAST, "zero", out=out, num_threads=1)
+    before = (out / "set.json").read_bytes()
+    with pytest.raises(ValueError, match=r"runs \['zero'\], and this one has \['random'\]"):
+        evaluate_set(_FAST, "random", out=out)
+    with pytest.raises(ValueError, match="set 'fast', and this one has 'dmc-sparse'"):
+        evaluate_set("dmc-sparse", "zero", out=out)
+    assert (out / "set.json").read_bytes() == before
+    (out / "set.json").write_text("{")
+    with pytest.raises(ValueError, match=r"set\.json is no result of this command"):
+        evaluate_set(_FAST, "zero", out=out)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match=r"holds other files and no set\.json"):
+        evaluate_set(_FAST, "zero", out=other)
+    assert [path.name for path in other.iterdir()] == ["notes.txt"]
+
+
+def test_an_error_while_playing_is_no_missing_policy() -> None:
+    def broken(observation: object) -> np.ndarray:
+        return np.full(1, np.nan)
+
+    with pytest.raises(PolicyError, match="seed 30000"):
+        evaluate_set(_FAST, broken, num_threads=1)

@@ -1,0 +1,55 @@
+"""Named sets of tasks."""
+
+import pytest
+
+from limberjack import suite
+from limberjack.evaluation import published, sets
+
+_PAPERS = "dmc28", "dmc-hard", "dmc-sparse"
+
+
+@pytest.mark.parametrize("name", sets.names())
+def test_every_task_of_a_set_is_in_the_suite_once(name: str) -> None:
+    found = sets.find(name)
+    assert found.name == name
+    assert found.source
+    assert len(set(found.tasks)) == len(found.tasks) > 0
+    assert set(found.tasks) <= set(suite.ALL_TASKS)
+
+
+def test_the_sets_of_papers_have_their_sizes_and_the_order_of_the_suite() -> None:
+    assert [len(sets.tasks_of(name)) for name in _PAPERS] == [28, 7, 8]
+    for name in _PAPERS:
+        tasks = sets.tasks_of(name)
+        assert list(tasks) == sorted(tasks, key=suite.ALL_TASKS.index)
+
+
+def test_the_hard_and_the_sparse_tasks_of_papers_are_among_the_28() -> None:
+    dmc28, hard, sparse = map(set, map(sets.tasks_of, _PAPERS))
+    assert hard < dmc28
+    assert sparse < dmc28 - hard
+    assert {domain for domain, _ in hard} == {"dog", "humanoid"}
+
+
+@pytest.mark.parametrize("source", ["tdmpc2", "simbav2", "mrq", "bro"])
+def test_the_28_tasks_are_those_that_papers_report(source: str) -> None:
+    reported = {
+        (score.domain, score.task)
+        for score in published.scores()
+        if score.source.name == source and score.steps == 1_000_000
+    }
+    assert reported == set(sets.tasks_of("dmc28"))
+
+
+def test_tags_are_those_of_the_suite(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert sets.tasks_of("benchmarking") == suite.BENCHMARKING
+    assert sets.tasks_of("extra") == suite.EXTRA
+    assert sets.tasks_of("easy") == suite.EASY
+    assert sets.tasks_of("hard") == suite.HARD
+    monkeypatch.setattr(suite, "ALL_TASKS", (*suite.ALL_TASKS, ("swing", "swing_up")))
+    assert sets.tasks_of("all")[-1] == ("swing", "swing_up")
+
+
+def test_an_unknown_set_is_refused_with_a_close_name() -> None:
+    with pytest.raises(ValueError, match=r"no set of tasks 'dmc-28'; .*Did you mean 'dmc28'\?"):
+        sets.find("dmc-28")
