@@ -179,7 +179,7 @@ def _evaluate_set(
 ) -> None:
     """Measures one or more runs on all tasks of a set, and prints the scores."""
     with (
-        rows_reported(),
+        remarks_reported(),
         show_units() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):

@@ -9,8 +9,8 @@
 
 A run is one training of an agent on each of the tasks. The protocol fixes everything else, so that
 two results with the same set and version can be compared: ten episodes of each task, from the same
-seeds, of 1,000 control steps; and two control steps per action, except for policies that act at
-every control step. A score is the mean return divided by 1,000.
+seeds, of 1,000 control steps; and two control steps per action, except for policies that demand another
+number, as a policy's file and the planner do. A score is the mean return divided by 1,000.
 
 Episodes are played and kept by `evaluate`, with zero and random actions beside them, in a folder
 for each run and task. The same call continues where an earlier one was killed. A task for which a
@@ -18,6 +18,7 @@ run has no policy, or one that does not fit, is left out of all means, and liste
 """
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import json
 import math
@@ -33,7 +34,6 @@ from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.sets import TaskSet
 from limberjack.policies import PolicyError
-from limberjack.policies.built_in import PLANNER
 from limberjack.utils.facts import Facts
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
@@ -194,7 +194,7 @@ def evaluate_set(
                     out=folder,
                     num_threads=num_threads,
                     time_limit=_time_limit(domain, task),
-                    action_repeat=_action_repeat(policy),
+                    action_repeat=_action_repeat(policy, domain, task),
                     workers=workers,
                     executor=executor,
                     ray=ray,
@@ -289,9 +289,11 @@ def _unplayable(task_set: TaskSet, runs: Sequence[object]) -> Iterator[tuple[_Ta
         environment.close()
 
 
-def _action_repeat(policy: object) -> int | None:
-    """Control steps per action; None for the task's own, at which the planner acts."""
-    return None if policy == PLANNER else _ACTION_REPEAT
+def _action_repeat(policy: object, domain: str, task: str) -> int | None:
+    """Control steps per action; None for those that the policy demands."""
+    with contextlib.closing(suite.load(domain, task)) as environment:
+        demanded = policies.find(policy, environment, num_threads=1).action_repeat
+    return _ACTION_REPEAT if demanded is None else None
 
 
 def _time_limit(domain: str, task: str) -> float | None:
