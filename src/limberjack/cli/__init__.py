@@ -27,6 +27,7 @@ from limberjack.cli import (  # noqa: F401 (they add their commands)
     replay,
     run,
     solve,
+    train,
     view,
 )
 from limberjack.cli.app import app, main
