@@ -20,6 +20,7 @@ MADE_OF = {
     "limberjack.data": ("pyarrow", "data"),
     "limberjack.episodes.to_minari": ("minari", "minari"),
     "limberjack.sb3": ("stable_baselines3", "sb3"),
+    "limberjack.training.learner": ("sbx", "train"),
     "limberjack.workers.ray_tasks": ("ray", "ray"),
     "limberjack.gpu": ("mujoco_warp", "gpu"),  # its names
     **dict.fromkeys(_ON_TENSORS, ("mujoco_warp", "gpu")),

@@ -1,7 +1,10 @@
 """Settings with which a run takes a second, and environments of a user's own."""
 
+from typing import Any
+
 import dm_env
 import numpy as np
+from dm_env import specs
 
 from limberjack import suite
 from limberjack.training import Settings
@@ -10,6 +13,7 @@ __all__ = ["SMALL", "make", "remembering"]
 
 SMALL = Settings(
     steps=1200,
+    time_limit=0.4,  # 20 control steps of pendulum
     num_envs=3,
     random_steps=60,
     batch_size=16,
@@ -21,11 +25,11 @@ SMALL = Settings(
 
 def make(seed: int) -> dm_env.Environment:
     """A short pendulum."""
-    return suite.load("pendulum", "swingup", task_kwargs={"random": seed, "time_limit": 2.0})
+    return suite.load("pendulum", "swingup", task_kwargs={"random": seed, "time_limit": 0.4})
 
 
 class _Remembering(dm_env.Environment):
-    """An environment that is no `control.Environment`, with a reward that depends on its past."""
+    """An environment of another class, whose reward is that of the step before."""
 
     def __init__(self, inner: dm_env.Environment) -> None:
         self._inner = inner
@@ -35,25 +39,22 @@ class _Remembering(dm_env.Environment):
         self._before = 0.0
         return self._inner.reset()
 
-    def step(self, action: np.ndarray) -> dm_env.TimeStep:
+    def step(self, action: Any) -> dm_env.TimeStep:
         time_step = self._inner.step(action)
         if time_step.reward is None:
             return time_step
-        reward, self._before = self._before, float(time_step.reward)
+        reward, self._before = self._before, float(np.asarray(time_step.reward))
         return time_step._replace(reward=reward)
 
-    def action_spec(self):  # noqa: ANN201 (as the inner one's)
-        return self._inner.action_spec()
+    def action_spec(self) -> specs.BoundedArray:
+        spec = self._inner.action_spec()
+        assert isinstance(spec, specs.BoundedArray)
+        return spec
 
-    def observation_spec(self):  # noqa: ANN201 (as the inner one's)
+    def observation_spec(self) -> Any:
         return self._inner.observation_spec()
-
-    def __getattr__(self, name: str) -> object:
-        if name.startswith("__") or name == "_inner":
-            raise AttributeError(name)
-        return getattr(self._inner, name)
 
 
 def remembering(seed: int) -> dm_env.Environment:
-    """A short pendulum in a wrapper."""
+    """A short pendulum, which is stepped in complete environments."""
     return _Remembering(make(seed))

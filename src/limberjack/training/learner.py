@@ -2,8 +2,11 @@
 
     learner = Learner(envs, settings, seed=0, envs_seed=1000, folder=Path("events"))
     learner.learn(before_step)              # calls before_step() between two updates
-    state = learner.state()                 # with `transitions`, all that its future depends on
-    layers = learner.layers()               # of the deterministic policy
+    state = learner.state()                 # all that its future depends on, besides the rows
+    layers = learner.layers()               # of the averaged policy
+
+What acts in evaluations, and is written at the end, is an average of the latest policies, without
+noise. Rows are explored with the present one.
 
 No other file imports sbx, jax or flax. JAX computes in one thread: networks of this size gain
 nothing from more, and the same state then gives the same bits. JAX reads this setting when it is
@@ -45,10 +48,17 @@ except ImportError as error:
 
 __all__ = ["ALGORITHM", "Learner"]
 
+_Tree = Any  # of JAX's arrays, or an object that has them: these packages have no types
+
 ALGORITHM = "CrossQ"
 _LOSSES = ("train/critic_loss", "train/actor_loss")
-_COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
-_ROWS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+# Attributes of SB3's algorithm and of its buffer.
+_COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_episode_starts")
+_TRANSITIONS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+_WEIGHTS = ("params", "batch_stats")
+# Gradient steps over which policies are averaged. Single policies of cartpole swingup had returns
+# between 500 and 780 within 30,000 control steps, and their averages between 798 and 812.
+_AVERAGED = 3000
 _EPSILON = 0.001  # that SBX's BatchRenorm adds to a variance
 
 
@@ -70,9 +80,9 @@ class Learner:
         self._envs = envs
         self._settings = settings
         jax.config.update("jax_platforms", "cpu")
-        # Any: of a package without types.
-        self._model: Any = sbx.CrossQ("MlpPolicy", envs, seed=seed, **_arguments(settings))
+        self._model: _Tree = sbx.CrossQ("MlpPolicy", envs, seed=seed, **_arguments(settings))
         envs.seed(envs_seed)  # the algorithm has given the rows its own seed
+        self._average = _weights(self._model.policy.actor_state)
         self._events = logger.configure(str(folder), ["tensorboard"])
         self._model.set_logger(self._events)
 
@@ -87,98 +97,108 @@ class Learner:
         Args:
           before_step: called before all rows take a step, when the state is complete.
         """
+
+        def prepare() -> None:
+            before_step()
+            self._add_to_average()
+
         left = _actions(self._settings) - self.actions_taken
         if left > 0:
-            self._model.learn(
-                left, _Before(before_step), log_interval=None, reset_num_timesteps=False
-            )
+            self._model.learn(left, _Before(prepare), log_interval=None, reset_num_timesteps=False)
+
+    def _add_to_average(self) -> None:
+        """Adds the present policy to the average, in which older ones count less and less.
+
+        Until there are enough policies all count the same, and the first one does not remain.
+        """
+        learned = self.actions_taken - self._settings.random_steps
+        if learned > 0:
+            steps = self._model.gradient_steps
+            share = max(steps / _AVERAGED, self._envs.num_envs / learned)
+            present = _weights(self._model.policy.actor_state)
+            self._average = _mixed(self._average, present, np.float32(min(share, 1.0)))
 
     def act(self, observations: np.ndarray) -> np.ndarray:
-        """The actions without exploration, (N, ...), at observations, (N, size)."""
-        actions, _ = self._model.predict(observations, deterministic=True)
-        return actions
+        """The actions of the averaged policy, (N, ...), at observations, (N, size)."""
+        policy = self._model.policy
+        present = policy.actor_state
+        policy.actor_state = present.replace(**self._average)
+        try:
+            return self._model.predict(observations, deterministic=True)[0]
+        finally:
+            policy.actor_state = present
 
     def losses(self) -> dict[str, float]:
         """The last losses by name; empty before the first update."""
         found = self._events.name_to_value
         return {name: found[name] for name in _LOSSES if name in found}
 
-    def record(self, name: str, value: float) -> None:
-        """Keeps a value for TensorBoard, beside those of the algorithm."""
-        self._events.record(name, value)
-
-    def write_events(self, control_steps: int) -> None:
-        """Writes the values since the last call, for TensorBoard."""
+    def write_events(self, control_steps: int, values: Mapping[str, float]) -> None:
+        """Writes values for TensorBoard, beside the last ones of the algorithm."""
+        for name, value in values.items():
+            self._events.record(name, value)
         self._events.dump(control_steps)
 
     def state(self) -> dict[str, object]:
-        """Networks, optimisers, counters, random streams and the last observations."""
-        model = self._model
+        """Networks, optimisers, transitions, counters, random streams and last observations."""
+        model, buffer = self._model, self._model.replay_buffer
+        kept = buffer.buffer_size if buffer.full else buffer.pos
         return {
             "networks": serialization.to_bytes(self._networks()),
-            "keys": [np.asarray(key) for key in (model.key, *self._policy_keys())],
+            "keys": [np.asarray(key) for key in self._keys()],
             "numpy": np.random.get_state(legacy=True),
             "actions": model.action_space.np_random.bit_generator.state,
             "counters": {name: getattr(model, name) for name in _COUNTERS},
-            "observations": model._last_obs,
+            "transitions": {name: getattr(buffer, name)[:kept] for name in _TRANSITIONS},
+            "place": (buffer.pos, buffer.full),
         }
 
-    def restore(self, state: Mapping[str, Any]) -> None:  # Any: as `state` returns it
+    def restore(self, state: Mapping[str, _Tree]) -> None:
         """Continues from a state of a learner with the same settings."""
-        model, policy = self._model, self._model.policy
+        model, policy, buffer = self._model, self._model.policy, self._model.replay_buffer
         networks = serialization.from_bytes(self._networks(), state["networks"])
         policy.qf_state, policy.actor_state = networks["critic"], networks["actor"]
-        model.ent_coef_state = networks["entropy"]
+        model.ent_coef_state, self._average = networks["entropy"], networks["average"]
         model.key, policy.key, policy.noise_key = map(jax.numpy.asarray, state["keys"])
         np.random.set_state(state["numpy"])
         model.action_space.np_random.bit_generator.state = state["actions"]
         for name, value in state["counters"].items():
             setattr(model, name, value)
-        model._last_obs = state["observations"]
-        model._last_episode_starts = np.zeros(len(model._last_obs), bool)  # off-policy: unused
+        for name, rows in state["transitions"].items():
+            getattr(buffer, name)[: len(rows)] = rows
+        buffer.pos, buffer.full = state["place"]
 
     def _networks(self) -> dict[str, object]:
         policy = self._model.policy
-        entropy = self._model.ent_coef_state
-        return {"critic": policy.qf_state, "actor": policy.actor_state, "entropy": entropy}
+        return {
+            "critic": policy.qf_state,
+            "actor": policy.actor_state,
+            "average": self._average,
+            "entropy": self._model.ent_coef_state,
+        }
 
-    def _policy_keys(self) -> tuple[object, object]:
-        return self._model.policy.key, self._model.policy.noise_key
-
-    @property
-    def steps_kept(self) -> int:
-        """The steps of all rows whose transitions were kept so far, overwritten ones included."""
-        return self.actions_taken // self._envs.num_envs
-
-    @property
-    def capacity(self) -> int:
-        """The steps of all rows that are kept at the same time."""
-        return self._model.replay_buffer.buffer_size
-
-    def transitions(self, first: int) -> dict[str, np.ndarray]:
-        """The transitions of the steps from `first` on, (steps, num_envs, ...) by name."""
-        at = np.arange(first, self.steps_kept) % self.capacity
-        return {name: getattr(self._model.replay_buffer, name)[at] for name in _ROWS}
-
-    def put_transitions(self, first: int, rows: Mapping[str, np.ndarray]) -> None:
-        """Puts transitions back; `first` is the number of their first step."""
-        kept = self._model.replay_buffer
-        end = first + len(rows[_ROWS[0]])
-        at = np.arange(first, end) % self.capacity
-        for name in _ROWS:
-            getattr(kept, name)[at] = rows[name]
-        kept.pos, kept.full = end % self.capacity, end >= self.capacity
+    def _keys(self) -> tuple[object, ...]:
+        return self._model.key, self._model.policy.key, self._model.policy.noise_key
 
     def layers(self) -> list[mlp.Layer]:
-        """The layers of the deterministic policy, with ReLU between them and tanh at the end.
+        """The layers of the averaged policy, with ReLU between them and tanh at the end.
 
         The batch normalisation before each of them is folded into it.
         """
-        state = self._model.policy.actor_state
-        return [
-            mlp.folded(_dense(state, number), *_normalisation(state, number))
-            for number in range(len(self._settings.actor) + 1)
-        ]
+        numbers = range(len(self._settings.actor) + 1)
+        return [mlp.folded(self._dense(i), *self._normalisation(i)) for i in numbers]
+
+    def _dense(self, number: int) -> mlp.Layer:
+        """The weight, (out, in), and the bias of a layer."""
+        layer = self._average["params"][f"Dense_{number}"]
+        return np.asarray(layer["kernel"]).T, np.asarray(layer["bias"])
+
+    def _normalisation(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """The gain and the offset of the batch normalisation before a layer."""
+        learned, measured = (self._average[part][f"BatchRenorm_{number}"] for part in _WEIGHTS)
+        gain = np.asarray(learned["scale"], float)
+        gain = gain / np.sqrt(np.asarray(measured["var"], float) + _EPSILON)
+        return gain, np.asarray(learned["bias"], float) - np.asarray(measured["mean"], float) * gain
 
     def close(self) -> None:
         """Writes the last events; the rows are not closed."""
@@ -204,20 +224,15 @@ def _arguments(settings: Settings) -> dict[str, object]:
     }
 
 
-# Any, here and below: a train state of flax.
-def _dense(state: Any, number: int) -> mlp.Layer:
-    """The weight, (out, in), and the bias of a layer."""
-    layer = state.params[f"Dense_{number}"]
-    return np.asarray(layer["kernel"]).T, np.asarray(layer["bias"])
+def _weights(state: _Tree) -> dict[str, _Tree]:
+    """The arrays that the actions of a policy depend on."""
+    return {part: getattr(state, part) for part in _WEIGHTS}
 
 
-def _normalisation(state: Any, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """The gain and the offset of the batch normalisation before a layer."""
-    name = f"BatchRenorm_{number}"
-    learned, measured = state.params[name], state.batch_stats[name]
-    gain = np.asarray(learned["scale"], float)
-    gain = gain / np.sqrt(np.asarray(measured["var"], float) + _EPSILON)
-    return gain, np.asarray(learned["bias"], float) - np.asarray(measured["mean"], float) * gain
+@jax.jit
+def _mixed(one: _Tree, other: _Tree, share: float) -> _Tree:
+    """Two trees of arrays, as one."""
+    return jax.tree_util.tree_map(lambda x, y: x + share * (y - x), one, other)
 
 
 class _Before(callbacks.BaseCallback):

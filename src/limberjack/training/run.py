@@ -15,9 +15,8 @@ import io
 import math
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import dm_env
 import numpy as np
@@ -29,6 +28,7 @@ from limberjack.policies import mlp
 from limberjack.rl.batches import batch_of
 from limberjack.training.folder import POLICY, Folder
 from limberjack.training.settings import Settings, settings_for
+from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import WorkError
 from limberjack.workers.factories import Factory, Make, factory_of
@@ -43,8 +43,9 @@ _EPISODES = 10  # of an evaluation: their mean has a tenth of the variance
 _EVALUATIONS = 20  # after the one at the beginning; together they take a few % of the time
 _RUNS = 1_000_000  # seeds of runs
 _PATIENCE = 60.0  # seconds after which there is another checkpoint
+_SHARE = 50  # at least this many times as long as the last one took
 
-OnProgress = Callable[[int, int, float], object]
+_OnProgress = Callable[[int, int, float], object]
 _FORMAT = 1  # of the folder
 
 
@@ -100,7 +101,7 @@ def train(
     seed: int = 0,
     settings: Settings | None = None,
     num_threads: int | None = None,
-    on_progress: OnProgress | None = None,
+    on_progress: _OnProgress | None = None,
     command: str = "",
 ) -> Run:
     """Trains a policy with CrossQ, or continues a run that was killed, or reports a finished one.
@@ -177,8 +178,8 @@ def _checked(factory: Factory, settings: Settings) -> dm_env.Environment:
 
 def _facts(
     factory: Factory, environment: dm_env.Environment, settings: Settings, seed: int
-) -> dict[str, object]:
-    """What identifies a run, as values of JSON."""
+) -> Facts:
+    """Facts that identify a run, as values of JSON."""
     return {
         "format": _FORMAT,
         **factory.facts,
@@ -224,11 +225,10 @@ class _Training:
         self._tested = rows(_EPISODES, _EVALUATION, False)
         self.learner = Learner(self._envs, settings, seed, first, folder.events)
         self.curve: list[Evaluation] = []
-        self._kept = 0  # steps whose transitions are in a checkpoint
-        self._saved = time.monotonic()
+        self._save_at = time.monotonic() + _PATIENCE
         self._restore()
 
-    def run(self, on_progress: OnProgress | None) -> None:
+    def run(self, on_progress: _OnProgress | None) -> None:
         """Learns until the steps are taken, and evaluates the final policy."""
 
         def before_step() -> None:
@@ -236,7 +236,7 @@ class _Training:
             if self._control_steps * _EVALUATIONS >= self._settings.steps * len(self.curve):
                 self._evaluate()
                 self._save()
-            elif time.monotonic() > self._saved + _PATIENCE:
+            elif time.monotonic() > self._save_at:
                 self._save()
             if on_progress is not None:
                 on_progress(self._control_steps, self._settings.steps, self.curve[-1].mean)
@@ -247,7 +247,7 @@ class _Training:
             self._evaluate()
             self._save()
 
-    def card(self, identity: Mapping[str, Any], command: str) -> mlp.Card:
+    def card(self, identity: Facts, command: str) -> mlp.Card:
         """The card of the final policy."""
         space = self._envs.action_space
         return mlp.Card(
@@ -309,34 +309,33 @@ class _Training:
             )
         )
         self._folder.write(self._folder.curve, _as_csv(self.curve))
-        self.learner.record("evaluation/return", self.curve[-1].mean)
-        self.learner.record("evaluation/processor_seconds", self._processor_seconds)
-        self.learner.write_events(self._control_steps)
+        values = {"return": self.curve[-1].mean, "processor_seconds": self._processor_seconds}
+        events = {f"evaluation/{name}": value for name, value in values.items()}
+        self.learner.write_events(self._control_steps, events)
 
     def _save(self) -> None:
-        state = {
-            "learner": self.learner.state(),
-            "rows": self._envs.vector_env.batches[0].snapshot(),
-            "curve": self.curve,
-            "processor_seconds": self._processor_seconds,
-        }
-        kept = self.learner.steps_kept
-        rows = self.learner.transitions(self._kept)
-        self._folder.save(state, kept, self._kept, rows)
-        self._folder.forget(kept - self.learner.capacity)
-        self._kept, self._saved = kept, time.monotonic()
+        """Writes a checkpoint; a longer one, of more transitions, is written less often."""
+        began = time.monotonic()
+        self._folder.save(
+            {
+                "learner": self.learner.state(),
+                "rows": self._envs.vector_env.batches[0].snapshot(),
+                "curve": self.curve,
+                "processor_seconds": self._processor_seconds,
+            }
+        )
+        now = time.monotonic()
+        self._save_at = now + max(_PATIENCE, _SHARE * (now - began))
 
     def _restore(self) -> None:
         """Continues from the checkpoint, if there is one."""
         state = self._folder.load()
         if state is None:
             return
-        for first, rows in self._folder.transitions(state["kept"]):
-            self.learner.put_transitions(first, rows)
         self._envs.reset()
         self._envs.vector_env.batches[0].restore(state["rows"])
         self.learner.restore(state["learner"])
-        self.curve, self._kept = state["curve"], state["kept"]
+        self.curve = state["curve"]
         self._began -= state["processor_seconds"]
 
 
