@@ -15,7 +15,7 @@ from limberjack.cli.options import (
     Threads,
     named_environment,
 )
-from limberjack.cli.output import failures_reported, misuse_reported, rows_reported
+from limberjack.cli.output import failures_reported, misuse_reported, remarks_reported
 from limberjack.cli.progress import Steps, show_steps
 from limberjack.cli.typed import command_line
 
@@ -69,7 +69,7 @@ def _train(
         settings = _settings(config)
     with (
         reading_reported("train"),
-        rows_reported(),
+        remarks_reported(),
         show_steps() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):
