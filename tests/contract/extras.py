@@ -22,6 +22,7 @@ MADE_OF = {
     "limberjack.adapters.rsl_rl": ("mujoco_warp", "gpu"),
     "limberjack.adapters.sb3": ("stable_baselines3", "sb3"),
     "limberjack.sb3": ("stable_baselines3", "sb3"),
+    "limberjack.training.learner": ("sbx", "train"),
     "limberjack.workers.ray_tasks": ("ray", "ray"),
     "limberjack.gpu": ("mujoco_warp", "gpu"),  # its names
     **dict.fromkeys(_ON_TENSORS, ("mujoco_warp", "gpu")),

@@ -51,6 +51,7 @@ _FLOORS = {
     "limberjack.bench": 11,
     "limberjack.evaluation": 11,
     "limberjack.gallery": 11,
+    "limberjack.training": 11,
     "limberjack.doctor": 12,
     "limberjack.cli": 13,
     "limberjack.__main__": 14,
@@ -69,8 +70,10 @@ _EVERYWHERE = {"dm_env", "mujoco", "numpy"}
 # Everything else that is installed is imported by one module, or one package, only.
 _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "dm_control": "limberjack.doctor.probes",
+    "flax": "limberjack.training.learner",
     "gymnasium": ("limberjack.gym", "limberjack.gpu.vector"),  # each has a class of its own for it
     "glfw": "limberjack.mujoco.rendering.backends",
+    "jax": "limberjack.training.learner",
     "imageio_ffmpeg": "limberjack.see.video",
     "matplotlib": "limberjack.see.report.curve",
     "minari": "limberjack.episodes.to_minari",
@@ -80,7 +83,9 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "rich": "limberjack.cli",
     "rsl_rl": "limberjack.adapters.rsl_rl",
     "safetensors": "limberjack.policies.mlp",
-    "stable_baselines3": "limberjack.adapters.sb3",
+    "sbx": "limberjack.training.learner",
+    "stable_baselines3": ("limberjack.adapters.sb3", "limberjack.training.learner"),
+    "tensorboard": "limberjack.training.learner",
     "tensordict": "limberjack.adapters.rsl_rl",
     "torch": "limberjack.gpu.backend",
     "typer": "limberjack.cli",

@@ -24,6 +24,7 @@ from limberjack.cli import (  # noqa: F401 (they add their commands)
     run,
     solve,
     suite,
+    train,
     view,
 )
 from limberjack.cli.app import app, main

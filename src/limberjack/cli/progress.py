@@ -7,6 +7,9 @@ with show_units() as progress:
     progress.begin(300)
     evaluate(..., on_progress=progress.show, on_state=progress.show_state)
 
+with show_steps() as progress:
+    train(..., on_progress=progress.show)
+
 with show_parts() as show:
     show("drawing humanoid walk", finished, pictures)
 """
@@ -25,7 +28,15 @@ from limberjack.cli.output import is_terminal
 if TYPE_CHECKING:
     from limberjack.workers import State
 
-__all__ = ["Units", "progress_bar", "show_film", "show_parts", "show_units"]
+__all__ = [
+    "Steps",
+    "Units",
+    "progress_bar",
+    "show_film",
+    "show_parts",
+    "show_steps",
+    "show_units",
+]
 
 _UPDATE = 0.1  # seconds from one update to the next; a step may take microseconds
 
@@ -142,6 +153,42 @@ def show_units() -> Iterator[Units]:
     )
     with progress_bar(*columns) as bar:
         yield Units(bar)
+
+
+class Steps:
+    """A bar over the control steps of a training, with the last return and the time left.
+
+    Attributes:
+      steps: of the run.
+      finished: those that were taken, in earlier calls too; None before the run goes on.
+    """
+
+    def __init__(self, bar: rich.progress.Progress) -> None:
+        """Adds the steps to a bar that is shown."""
+        self.steps = 0
+        self.finished: int | None = None
+        self._bar = bar
+        self._updated = 0.0
+        self._task = bar.add_task("loading", total=None, mean=0.0)
+
+    def show(self, finished: int, steps: int, mean: float) -> None:
+        """Shows progress; `mean` is the last return without exploration."""
+        is_first, self.finished, self.steps = self.finished is None, finished, steps
+        now = time.monotonic()
+        if self._bar.disable or now < self._updated + _UPDATE:
+            return
+        self._updated = now
+        if is_first:  # the time left is not that of a run that took all steps just now
+            self._bar.reset(self._task, total=steps, completed=finished, description="training")
+        self._bar.update(self._task, completed=finished, mean=mean)
+
+
+@contextlib.contextmanager
+def show_steps() -> Iterator[Steps]:
+    """A bar over the steps of a training while the context lasts."""
+    columns = "return {task.fields[mean]:.1f}", rich.progress.TimeRemainingColumn()
+    with progress_bar("{task.percentage:.0f} %", *columns) as bar:
+        yield Steps(bar)
 
 
 @contextlib.contextmanager

@@ -9,8 +9,8 @@
 
 A run is one training of an agent on each of the tasks. The protocol fixes everything else, so that
 two results with the same set and version can be compared: ten episodes of each task, from the same
-seeds, of 1,000 control steps; and two control steps per action, except for policies that demand another
-number, as a policy's file and the planner do. A score is the mean return divided by 1,000.
+seeds, of 1,000 control steps; and two control steps per action, except for policies that demand
+another number, as policy files and the planner do. A score is the mean return divided by 1,000.
 
 Episodes are played and kept by `evaluate`, with zero and random actions beside them, in a folder
 for each run and task. The same call continues where an earlier one was killed. A task for which a

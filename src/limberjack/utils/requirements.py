@@ -52,6 +52,7 @@ PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "data": ("pyarrow",),
         "minari": ("minari", "pillow", "pyarrow"),
         "sb3": ("stable-baselines3",),
+        "train": ("sbx-rl", "stable-baselines3", "tensorboard", "torch"),
         "torchrl": ("torchrl",),
         "rllib": ("ray[rllib]", "torch"),
         "ray": ("ray",),

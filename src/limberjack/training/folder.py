@@ -1,0 +1,129 @@
+"""`Folder`: the files of one run, from which the same command continues after a kill.
+
+    training.json       what identifies the run, and the versions and the command that began it
+    curve.csv           one line for each evaluation
+    tensorboard/        events for TensorBoard
+    checkpoint.pickle   all that the run depends on, until it has finished
+    policy.safetensors  the final policy, once the run has finished
+
+Each file is written whole or not at all. The checkpoint is a pickle, because a task may remember
+any object: continue only runs of people whom you trust.
+"""
+
+import json
+import pickle
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from limberjack.utils.facts import Facts
+from limberjack.utils.files import Hold, open_regular, read_regular, replacing
+from limberjack.workers.identity import first_difference
+
+__all__ = ["POLICY", "Folder"]
+
+POLICY = "policy.safetensors"
+_IDENTITY = "training.json"
+_UNFINISHED = re.compile(r"\.\w+\.[0-9a-f]{16}\.\w+")  # see `utils.files.Partial`
+
+
+class Folder:
+    """See the module's docstring. It is locked until `close`.
+
+    Attributes:
+      policy, curve, events: paths.
+    """
+
+    def __init__(self, directory: Path, identity: Facts, more: Facts) -> None:
+        """Opens the folder of a run, or makes one.
+
+        Args:
+          directory: its path.
+          identity: what must be equal for the run to continue, as values of JSON.
+          more: what is written beside it when the run begins.
+
+        Raises:
+          ValueError: it has another run or other files, or another process writes there; nothing
+            was changed.
+          OSError: it cannot be read or written.
+        """
+        self.policy = directory / POLICY
+        self.curve = directory / "curve.csv"
+        self.events = directory / "tensorboard"
+        self._directory = directory
+        self._checkpoint = directory / "checkpoint.pickle"
+        directory.mkdir(parents=True, exist_ok=True)
+        self._hold = Hold(directory)
+        try:
+            self._check(json.loads(json.dumps(identity)))
+            for path in directory.glob(".*"):
+                if _UNFINISHED.fullmatch(path.name):  # of a process that was killed
+                    path.unlink()
+            if not (directory / _IDENTITY).exists():
+                self.write(directory / _IDENTITY, json.dumps({**identity, **more}, indent=2))
+        except BaseException:
+            self._hold.release()
+            raise
+
+    def _check(self, identity: Facts) -> None:
+        """Raises ValueError unless the folder is empty or has this run."""
+        path = self._directory / _IDENTITY
+        if not path.exists():
+            others = [one.name for one in self._directory.iterdir() if one.name[0] != "."]
+            if others:
+                raise ValueError(
+                    f"{self._directory} has other files, such as {min(others)}: choose a new folder"
+                )
+            return
+        try:
+            found = json.loads(read_regular(path))
+            kept = {name: found[name] for name in identity}
+        except (ValueError, KeyError, TypeError):
+            raise ValueError(f"{path} is damaged: choose another folder") from None
+        difference = first_difference(identity, kept)
+        if difference is not None:
+            name, here, there = difference
+            raise ValueError(
+                f"{self._directory} has a run whose {name} is {there!r}, not {here!r}: choose "
+                "another folder"
+            )
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the final policy is here."""
+        return self.policy.exists()
+
+    def write(self, path: Path, text: str) -> None:
+        """Writes a file of the folder."""
+        with replacing(path) as partial:
+            partial.write_text(f"{text.rstrip()}\n", encoding="utf-8")
+
+    def save(self, state: Mapping[str, object]) -> None:
+        """Writes a checkpoint, which replaces the last one."""
+        with replacing(self._checkpoint) as partial, partial.open("wb") as file:
+            pickle.dump(state, file, protocol=pickle.HIGHEST_PROTOCOL)
+
+    def load(self) -> dict[str, Any] | None:  # Any: as given to `save`
+        """The last checkpoint; None without one.
+
+        Raises:
+          ValueError: it is damaged.
+        """
+        if not self._checkpoint.exists():
+            return None
+        try:
+            with open_regular(self._checkpoint) as file:
+                return pickle.load(file)
+        except Exception as error:  # pickle raises errors of any class
+            raise ValueError(
+                f"{self._checkpoint} is damaged ({error}): remove it to begin again"
+            ) from error
+
+    def finish(self) -> None:
+        """Removes the checkpoint, once the policy has been written."""
+        self._checkpoint.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Lets other processes write here."""
+        self._hold.release()

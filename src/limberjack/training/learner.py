@@ -1,0 +1,249 @@
+"""`Learner`: CrossQ of SBX on a `sb3.VecEnv`; needs the extra `train`.
+
+    learner = Learner(envs, settings, seed=0, envs_seed=1000, folder=Path("events"))
+    learner.learn(before_step)              # calls before_step() between two updates
+    state = learner.state()                 # all that its future depends on, besides the rows
+    layers = learner.layers()               # of the averaged policy
+
+What acts in evaluations, and is written at the end, is an average of the latest policies, without
+noise. Rows are explored with the present one.
+
+No other file imports sbx, jax or flax. JAX computes in one thread: networks of this size gain
+nothing from more, and the same state then gives the same bits. JAX reads this setting when it is
+first imported, so a program that imported it before keeps its own.
+"""
+
+import math
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limberjack.policies import mlp
+from limberjack.training.settings import Settings
+from limberjack.utils.requirements import missing_extra
+
+if TYPE_CHECKING:
+    from limberjack.sb3 import VecEnv
+
+_ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+os.environ.setdefault("XLA_FLAGS", _ONE_THREAD)
+
+try:
+    with warnings.catch_warnings():  # of these packages about one another
+        warnings.simplefilter("ignore")
+        import jax  # pyright: ignore[reportMissingImports]
+        import sbx  # pyright: ignore[reportMissingImports]
+        import tensorboard  # noqa: F401  # pyright: ignore[reportMissingImports] (used by SB3)
+        from flax import serialization  # pyright: ignore[reportMissingImports]
+        from stable_baselines3.common import (  # pyright: ignore[reportMissingImports]
+            callbacks,
+            logger,
+        )
+except ImportError as error:
+    raise missing_extra("train") from error
+
+__all__ = ["ALGORITHM", "Learner"]
+
+_Tree = Any  # of JAX's arrays, or an object that has them: these packages have no types
+
+ALGORITHM = "CrossQ"
+_LOSSES = ("train/critic_loss", "train/actor_loss")
+# Attributes of SB3's algorithm and of its buffer.
+_COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_episode_starts")
+_TRANSITIONS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+_WEIGHTS = ("params", "batch_stats")
+# Gradient steps over which policies are averaged. Single policies of cartpole swingup had returns
+# between 500 and 780 within 30,000 control steps, and their averages between 798 and 812.
+_AVERAGED = 3000
+_EPSILON = 0.001  # that SBX's BatchRenorm adds to a variance
+
+
+class Learner:
+    """The algorithm with its networks, optimisers, random streams and transitions."""
+
+    def __init__(
+        self, envs: "VecEnv", settings: Settings, seed: int, envs_seed: int, folder: Path
+    ) -> None:
+        """Makes a learner that has learned nothing.
+
+        Args:
+          envs: the rows, whose time limits truncate: the values of states after them count.
+          settings: numbers of the algorithm.
+          seed: of the networks, the exploration and the batches.
+          envs_seed: of the first row.
+          folder: of the events of TensorBoard.
+        """
+        self._envs = envs
+        self._settings = settings
+        jax.config.update("jax_platforms", "cpu")
+        self._model: _Tree = sbx.CrossQ("MlpPolicy", envs, seed=seed, **_arguments(settings))
+        envs.seed(envs_seed)  # the algorithm has given the rows its own seed
+        self._average = _weights(self._model.policy.actor_state)
+        self._events = logger.configure(str(folder), ["tensorboard"])
+        self._model.set_logger(self._events)
+
+    @property
+    def actions_taken(self) -> int:
+        """The actions so far, over all rows."""
+        return self._model.num_timesteps
+
+    def learn(self, before_step: Callable[[], None]) -> None:
+        """Takes the actions of the run that are left, and learns from them.
+
+        Args:
+          before_step: called before all rows take a step, when the state is complete.
+        """
+
+        def prepare() -> None:
+            before_step()
+            self._add_to_average()
+
+        left = _actions(self._settings) - self.actions_taken
+        if left > 0:
+            self._model.learn(left, _Before(prepare), log_interval=None, reset_num_timesteps=False)
+
+    def _add_to_average(self) -> None:
+        """Adds the present policy to the average, in which older ones count less and less.
+
+        Until there are enough policies all count the same, and the first one does not remain.
+        """
+        learned = self.actions_taken - self._settings.random_steps
+        if learned > 0:
+            steps = self._model.gradient_steps
+            share = max(steps / _AVERAGED, self._envs.num_envs / learned)
+            present = _weights(self._model.policy.actor_state)
+            self._average = _mixed(self._average, present, np.float32(min(share, 1.0)))
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """The actions of the averaged policy, (N, ...), at observations, (N, size)."""
+        policy = self._model.policy
+        present = policy.actor_state
+        policy.actor_state = present.replace(**self._average)
+        try:
+            return self._model.predict(observations, deterministic=True)[0]
+        finally:
+            policy.actor_state = present
+
+    def losses(self) -> dict[str, float]:
+        """The last losses by name; empty before the first update."""
+        found = self._events.name_to_value
+        return {name: found[name] for name in _LOSSES if name in found}
+
+    def write_events(self, control_steps: int, values: Mapping[str, float]) -> None:
+        """Writes values for TensorBoard, beside the last ones of the algorithm."""
+        for name, value in values.items():
+            self._events.record(name, value)
+        self._events.dump(control_steps)
+
+    def state(self) -> dict[str, object]:
+        """Networks, optimisers, transitions, counters, random streams and last observations."""
+        model, buffer = self._model, self._model.replay_buffer
+        kept = buffer.buffer_size if buffer.full else buffer.pos
+        return {
+            "networks": serialization.to_bytes(self._networks()),
+            "keys": [np.asarray(key) for key in self._keys()],
+            "numpy": np.random.get_state(legacy=True),
+            "actions": model.action_space.np_random.bit_generator.state,
+            "counters": {name: getattr(model, name) for name in _COUNTERS},
+            "transitions": {name: getattr(buffer, name)[:kept] for name in _TRANSITIONS},
+            "place": (buffer.pos, buffer.full),
+        }
+
+    def restore(self, state: Mapping[str, _Tree]) -> None:
+        """Continues from a state of a learner with the same settings."""
+        model, policy, buffer = self._model, self._model.policy, self._model.replay_buffer
+        networks = serialization.from_bytes(self._networks(), state["networks"])
+        policy.qf_state, policy.actor_state = networks["critic"], networks["actor"]
+        model.ent_coef_state, self._average = networks["entropy"], networks["average"]
+        model.key, policy.key, policy.noise_key = map(jax.numpy.asarray, state["keys"])
+        np.random.set_state(state["numpy"])
+        model.action_space.np_random.bit_generator.state = state["actions"]
+        for name, value in state["counters"].items():
+            setattr(model, name, value)
+        for name, rows in state["transitions"].items():
+            getattr(buffer, name)[: len(rows)] = rows
+        buffer.pos, buffer.full = state["place"]
+
+    def _networks(self) -> dict[str, object]:
+        policy = self._model.policy
+        return {
+            "critic": policy.qf_state,
+            "actor": policy.actor_state,
+            "average": self._average,
+            "entropy": self._model.ent_coef_state,
+        }
+
+    def _keys(self) -> tuple[object, ...]:
+        return self._model.key, self._model.policy.key, self._model.policy.noise_key
+
+    def layers(self) -> list[mlp.Layer]:
+        """The layers of the averaged policy, with ReLU between them and tanh at the end.
+
+        The batch normalisation before each of them is folded into it.
+        """
+        numbers = range(len(self._settings.actor) + 1)
+        return [mlp.folded(self._dense(i), *self._normalisation(i)) for i in numbers]
+
+    def _dense(self, number: int) -> mlp.Layer:
+        """The weight, (out, in), and the bias of a layer."""
+        layer = self._average["params"][f"Dense_{number}"]
+        return np.asarray(layer["kernel"]).T, np.asarray(layer["bias"])
+
+    def _normalisation(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """The gain and the offset of the batch normalisation before a layer."""
+        learned, measured = (self._average[part][f"BatchRenorm_{number}"] for part in _WEIGHTS)
+        gain = np.asarray(learned["scale"], float)
+        gain = gain / np.sqrt(np.asarray(measured["var"], float) + _EPSILON)
+        return gain, np.asarray(learned["bias"], float) - np.asarray(measured["mean"], float) * gain
+
+    def close(self) -> None:
+        """Writes the last events; the rows are not closed."""
+        self._events.close()
+
+
+def _actions(settings: Settings) -> int:
+    """The actions of a run, over all rows."""
+    return math.ceil(settings.steps / settings.action_repeat)
+
+
+def _arguments(settings: Settings) -> dict[str, object]:
+    """The settings under the names of the algorithm."""
+    return {
+        "learning_rate": settings.learning_rate,
+        "buffer_size": min(settings.memory, _actions(settings) + settings.num_envs),
+        "learning_starts": settings.random_steps,
+        "batch_size": settings.batch_size,
+        "gamma": settings.discount,
+        "train_freq": 1,  # steps of all rows between updates
+        "gradient_steps": max(1, round(settings.num_envs * settings.updates)),
+        "policy_kwargs": {"net_arch": {"pi": [*settings.actor], "qf": [*settings.critic]}},
+    }
+
+
+def _weights(state: _Tree) -> dict[str, _Tree]:
+    """The arrays that the actions of a policy depend on."""
+    return {part: getattr(state, part) for part in _WEIGHTS}
+
+
+@jax.jit
+def _mixed(one: _Tree, other: _Tree, share: float) -> _Tree:
+    """Two trees of arrays, as one."""
+    return jax.tree_util.tree_map(lambda x, y: x + share * (y - x), one, other)
+
+
+class _Before(callbacks.BaseCallback):
+    """Calls a function before each step."""
+
+    def __init__(self, function: Callable[[], None]) -> None:
+        super().__init__()
+        self._function = function
+
+    def _on_rollout_start(self) -> None:
+        self._function()
+
+    def _on_step(self) -> bool:
+        return True

@@ -1,0 +1,363 @@
+"""`train`: one task, one algorithm, one folder; the same call continues what was killed.
+
+    run = train("walker", "walk", out="walker", seed=0)
+    run.curve[-1].mean          # the return of the final policy on ten seeds of its own
+    run.policy                  # walker/policy.safetensors, for `--policy mlp:PATH`
+
+A run of a finished folder only reports it. Rows, evaluation and users' episodes have seeds of
+different blocks: see `_ROWS` and `_EVALUATION`.
+"""
+
+import csv
+import dataclasses
+import importlib
+import io
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import dm_env
+import numpy as np
+
+from limberjack import gym
+from limberjack.episodes.environments import inside
+from limberjack.mujoco.fingerprint import fingerprint, versions
+from limberjack.policies import mlp
+from limberjack.rl.batches import batch_of
+from limberjack.training.folder import POLICY, Folder
+from limberjack.training.settings import Settings, settings_for
+from limberjack.utils.facts import Facts
+from limberjack.utils.seeds import checked_seed
+from limberjack.workers import WorkError
+from limberjack.workers.factories import Factory, Make, factory_of
+
+__all__ = ["Evaluation", "Run", "TrainingError", "train"]
+
+# Blocks of seeds, which no one else uses by default: `evaluate` begins at 0.
+_ROWS = 1_000_000_000  # row i of the run with seed s begins with _ROWS + 1000 * s + i
+_ROWS_OF_A_RUN = 1000
+_EVALUATION = 2_100_000_000
+_EPISODES = 10  # of an evaluation: their mean has a tenth of the variance
+_EVALUATIONS = 20  # after the one at the beginning; together they take a few % of the time
+_RUNS = 1_000_000  # seeds of runs
+_PATIENCE = 60.0  # seconds after which there is another checkpoint
+_SHARE = 50  # at least this many times as long as the last one took
+
+_OnProgress = Callable[[int, int, float], object]
+_FORMAT = 1  # of the folder
+
+
+class TrainingError(WorkError):
+    """A run that cannot go on, such as one whose losses are no numbers."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """Returns of the policy without exploration, at one moment of a run.
+
+    Attributes:
+      control_steps: of all rows so far.
+      agent_steps: actions of all rows so far.
+      processor_seconds: of this process and those before it, evaluations included.
+      returns: of ten episodes, which are the same in all runs of a task.
+    """
+
+    control_steps: int
+    agent_steps: int
+    processor_seconds: float
+    returns: tuple[float, ...]
+
+    @property
+    def mean(self) -> float:
+        """The mean of the returns."""
+        return statistics.fmean(self.returns)
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A finished run.
+
+    Attributes:
+      policy: the file of the final policy.
+      curve: the evaluations; the last one is of the final policy.
+      settings: the numbers of the run.
+      was_finished: whether an earlier call had finished it.
+    """
+
+    policy: Path
+    curve: tuple[Evaluation, ...]
+    settings: Settings
+    was_finished: bool
+
+
+def train(
+    domain: str | Make,
+    task: str | None = None,
+    *,
+    out: Path | str,
+    steps: int | None = None,
+    seed: int = 0,
+    settings: Settings | None = None,
+    num_threads: int | None = None,
+    on_progress: _OnProgress | None = None,
+    command: str = "",
+) -> Run:
+    """Trains a policy with CrossQ, or continues a run that was killed, or reports a finished one.
+
+    A run that was killed continues from its last checkpoint and gives the same policy, bit for bit,
+    on one kind of processor with the same packages.
+
+    Args:
+      domain: such as 'walker', or a function `make(seed) -> dm_env.Environment`.
+      task: such as 'walk'; None with a function.
+      out: the folder of the run, which is made if there is none.
+      steps: control steps of the run; None for those of the settings.
+      seed: below 1,000,000, of the networks, the exploration and the rows.
+      settings: None for the table's row of the domain; see `limberjack.training.settings`.
+      num_threads: number of threads that step the rows.
+      on_progress: called before each step with the control steps so far, those of the run, and the
+        mean of the last evaluation.
+      command: that trains, for the policy's card.
+
+    Raises:
+      ImportError: a package of the extra `train` is missing.
+      ValueError: there is no such task, or it cannot be trained, or a number is out of range; or
+        the folder has another run, other settings or other files, or another process writes there.
+      TrainingError: the losses are no numbers; the last checkpoint is kept.
+      OSError: a file cannot be written; the last checkpoint is kept.
+    """
+    if checked_seed(seed) >= _RUNS:
+        raise ValueError(f"seed is {seed}; expected a whole number below {_RUNS}")
+    settings = settings or settings_for(domain if isinstance(domain, str) else "")
+    if steps is not None:
+        settings = dataclasses.replace(settings, steps=steps)
+    if not (Path(out) / POLICY).exists():  # a finished run is reported without the packages
+        importlib.import_module("limberjack.training.learner")
+    began = time.process_time()
+    factory = factory_of(domain, task, settings.time_limit)
+    environment = _checked(factory, settings)
+    identity, more = _facts(factory, environment, settings, seed), {"command": command}
+    folder = Folder(Path(out), identity, {**more, "versions": versions()})
+    stream = np.random.get_state()  # NumPy's global one, which the algorithm draws from
+    try:
+        if folder.is_finished:
+            folder.finish()
+            return Run(folder.policy, _read_curve(folder.curve), settings, True)
+        training = _Training(folder, factory, environment, settings, seed, num_threads, began)
+        try:
+            training.run(on_progress)
+        finally:
+            training.close()
+        mlp.save(folder.policy, training.learner.layers(), training.card(identity, command))
+        folder.finish()
+        return Run(folder.policy, tuple(training.curve), settings, False)
+    finally:
+        np.random.set_state(stream)
+        folder.close()
+
+
+def _checked(factory: Factory, settings: Settings) -> dm_env.Environment:
+    """An environment of the factory; raises ValueError if it cannot be trained."""
+    if not factory.is_known:
+        raise ValueError(
+            f"{factory.title} cannot be distinguished from other functions of that name, so a run "
+            "cannot be continued: define make(seed) at the top level of a module"
+        )
+    environment = factory.make(0)
+    if inside(environment).step_limit is None:
+        raise ValueError(
+            f"{factory.title} has no time limit, so an episode might never end: give it one, or "
+            "put time_limit = SECONDS into a file of settings"
+        )
+    if settings.num_envs > _ROWS_OF_A_RUN:
+        raise ValueError(f"num_envs is {settings.num_envs}; expected at most {_ROWS_OF_A_RUN}")
+    return environment
+
+
+def _facts(
+    factory: Factory, environment: dm_env.Environment, settings: Settings, seed: int
+) -> Facts:
+    """Facts that identify a run, as values of JSON."""
+    return {
+        "format": _FORMAT,
+        **factory.facts,
+        "fingerprint": fingerprint(inside(environment).physics.model._model),
+        "algorithm": "CrossQ",
+        "seed": seed,
+        "settings": dataclasses.asdict(settings),
+    }
+
+
+class _Training:
+    """A run in memory: the learner, its rows, the rows of evaluations, and the curve."""
+
+    def __init__(
+        self,
+        folder: Folder,
+        factory: Factory,
+        environment: dm_env.Environment,
+        settings: Settings,
+        seed: int,
+        num_threads: int | None,
+        began: float,
+    ) -> None:
+        from limberjack import sb3
+        from limberjack.training.learner import Learner
+
+        def rows(count: int, first: int, stagger: bool) -> sb3.VecEnv:
+            batch = batch_of(
+                factory.build(environment),
+                count,
+                num_threads,
+                seed=first,
+                action_repeat=settings.action_repeat,
+                stagger=stagger,
+            )
+            envs = gym.VectorEnv(batch, autoreset_mode="SameStep", flat=True, dtype="float32")
+            return sb3.VecEnv(envs, first)
+
+        self._folder, self._settings, self._seed = folder, settings, seed
+        self._began = began  # processor time of this process when it began
+        first = _ROWS + _ROWS_OF_A_RUN * seed
+        self._envs = rows(settings.num_envs, first, True)
+        self._tested = rows(_EPISODES, _EVALUATION, False)
+        self.learner = Learner(self._envs, settings, seed, first, folder.events)
+        self.curve: list[Evaluation] = []
+        self._save_at = time.monotonic() + _PATIENCE
+        self._restore()
+
+    def run(self, on_progress: _OnProgress | None) -> None:
+        """Learns until the steps are taken, and evaluates the final policy."""
+
+        def before_step() -> None:
+            self._check_losses()
+            if self._control_steps * _EVALUATIONS >= self._settings.steps * len(self.curve):
+                self._evaluate()
+                self._save()
+            elif time.monotonic() > self._save_at:
+                self._save()
+            if on_progress is not None:
+                on_progress(self._control_steps, self._settings.steps, self.curve[-1].mean)
+
+        self.learner.learn(before_step)
+        self._check_losses()
+        if self.curve[-1].control_steps < self._control_steps:
+            self._evaluate()
+            self._save()
+
+    def card(self, identity: Facts, command: str) -> mlp.Card:
+        """The card of the final policy."""
+        space = self._envs.action_space
+        return mlp.Card(
+            layout=tuple((part.name, tuple(part.shape)) for part in self._envs.vector_env.layout),
+            low=tuple(np.ravel(space.low).tolist()),
+            high=tuple(np.ravel(space.high).tolist()),
+            activation="relu",
+            end="tanh",
+            action_repeat=self._settings.action_repeat,
+            domain=identity.get("domain", ""),
+            task=identity.get("task", ""),
+            algorithm=identity["algorithm"],
+            command=command,
+            seeds=(self._seed,),
+            steps=self._control_steps,
+            versions=versions(),
+            fingerprint=identity["fingerprint"],
+        )
+
+    def close(self) -> None:
+        """Frees the rows and closes the file of events."""
+        self.learner.close()
+        self._envs.close()
+        self._tested.close()
+
+    @property
+    def _control_steps(self) -> int:
+        return self.learner.actions_taken * self._settings.action_repeat
+
+    @property
+    def _processor_seconds(self) -> float:
+        return time.process_time() - self._began
+
+    def _check_losses(self) -> None:
+        bad = {name: x for name, x in self.learner.losses().items() if not math.isfinite(x)}
+        for name, value in bad.items():
+            raise TrainingError(
+                f"{name} is {value} after {self._control_steps} control steps; the last checkpoint "
+                f"is kept, but would get there again: train in another folder with other settings "
+                "or another seed"
+            )
+
+    def _evaluate(self) -> None:
+        """Plays the episodes of evaluations, and adds their returns to the curve."""
+        envs = self._tested
+        envs.seed(_EVALUATION)
+        observations = envs.reset()
+        returns, running = np.zeros(_EPISODES), np.ones(_EPISODES, bool)
+        while running.any():
+            observations, rewards, dones, _ = envs.step(self.learner.act(observations))
+            returns += np.where(running, rewards, 0.0)
+            running &= ~dones
+        self.curve.append(
+            Evaluation(
+                self._control_steps,
+                self.learner.actions_taken,
+                round(self._processor_seconds, 2),
+                tuple(returns.tolist()),
+            )
+        )
+        self._folder.write(self._folder.curve, _as_csv(self.curve))
+        values = {"return": self.curve[-1].mean, "processor_seconds": self._processor_seconds}
+        events = {f"evaluation/{name}": value for name, value in values.items()}
+        self.learner.write_events(self._control_steps, events)
+
+    def _save(self) -> None:
+        """Writes a checkpoint; a longer one, of more transitions, is written less often."""
+        began = time.monotonic()
+        self._folder.save(
+            {
+                "learner": self.learner.state(),
+                "rows": self._envs.vector_env.batches[0].snapshot(),
+                "curve": self.curve,
+                "processor_seconds": self._processor_seconds,
+            }
+        )
+        now = time.monotonic()
+        self._save_at = now + max(_PATIENCE, _SHARE * (now - began))
+
+    def _restore(self) -> None:
+        """Continues from the checkpoint, if there is one."""
+        state = self._folder.load()
+        if state is None:
+            return
+        self._envs.reset()
+        self._envs.vector_env.batches[0].restore(state["rows"])
+        self.learner.restore(state["learner"])
+        self.curve = state["curve"]
+        self._began -= state["processor_seconds"]
+
+
+def _as_csv(curve: Sequence[Evaluation]) -> str:
+    """The text of curve.csv."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [field.name for field in dataclasses.fields(Evaluation)][:-1]
+    writer.writerow([*names, "mean", *(f"return_{i}" for i in range(1, _EPISODES + 1))])
+    for one in curve:
+        *numbers, returns = dataclasses.astuple(one)
+        writer.writerow([*numbers, one.mean, *returns])
+    return text.getvalue()
+
+
+def _read_curve(path: Path) -> tuple[Evaluation, ...]:
+    """The evaluations in curve.csv; raises ValueError if it is damaged."""
+    try:
+        _, *lines = csv.reader(path.read_text(encoding="utf-8").splitlines())
+        return tuple(
+            Evaluation(int(line[0]), int(line[1]), float(line[2]), tuple(map(float, line[4:])))
+            for line in lines
+        )
+    except (ValueError, IndexError) as error:
+        raise ValueError(f"{path} is damaged ({error})") from error

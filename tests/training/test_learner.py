@@ -1,0 +1,112 @@
+"""Transitions that the algorithm learns from, and the layers of its policy."""
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import gym
+from limberjack.policies import mlp
+from limberjack.training import TABLE, Settings
+from tests.gym.gym_episodes import falling_envs
+from tests.training.small import SMALL
+
+_REASON = "needs the extra 'train'"
+pytest.importorskip("sbx", reason=_REASON)
+learner: Any = pytest.importorskip("limberjack.training.learner")
+sb3: Any = pytest.importorskip("limberjack.sb3")
+
+_HOW: dict[str, Any] = {"autoreset_mode": "SameStep", "flat": True, "dtype": "float32"}
+
+
+def _learned(envs: Any, folder: Path, settings: Settings = SMALL) -> Any:
+    one = learner.Learner(sb3.VecEnv(envs), settings, 0, 0, folder)
+    one.learn(lambda: None)
+    return one
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    envs = gym.load_vector("pendulum", "swingup", 3, time_limit=0.4, action_repeat=2, **_HOW)
+    yield _learned(envs, tmp_path_factory.mktemp("events"))
+    envs.close()
+
+
+def test_states_after_a_time_limit_count(pendulum: Any) -> None:
+    kept = pendulum.state()["transitions"]
+    assert kept["dones"].any()
+    np.testing.assert_array_equal(kept["timeouts"], kept["dones"])
+    drawn = pendulum._model.replay_buffer.sample(500)
+    assert not drawn.dones.numpy().any()
+    # What followed is the last observation of the episode, not the first one of the next.
+    ended = kept["dones"].astype(bool)
+    following = np.roll(kept["observations"], -1, axis=0)
+    same = (kept["next_observations"] == following).all(axis=-1)
+    place = kept["dones"].shape[0] - 1 if not pendulum._model.replay_buffer.full else None
+    running = ~ended
+    running[pendulum._model.replay_buffer.pos - 1 if place is None else place] = False
+    assert same[running].all()
+    assert not same[ended].any()
+
+
+def test_states_after_a_fall_do_not_count(tmp_path: Path) -> None:
+    envs = falling_envs(3, **_HOW)
+    settings = dataclasses.replace(SMALL, action_repeat=1, steps=150, time_limit=None)
+    kept = _learned(envs, tmp_path, settings).state()["transitions"]
+    fell = kept["dones"].astype(bool) & ~kept["timeouts"].astype(bool)
+    assert fell.any()
+    envs.close()
+
+
+def test_layers_act_as_the_learner_does(pendulum: Any, tmp_path: Path) -> None:
+    card = mlp.Card((("observations", (3,)),), (-1.0,), (1.0,), "relu", "tanh", 2)
+    mlp.save(tmp_path / "policy.safetensors", pendulum.layers(), card)
+    policy = mlp.load(tmp_path / "policy.safetensors")
+    observations = np.random.RandomState(0).normal(0, 3, (1000, 3)).astype(np.float32)
+    expected = pendulum.act(observations)
+    assert np.ptp(expected) > 0.01
+    np.testing.assert_allclose(policy.actions(observations), expected, rtol=0, atol=1e-5)
+
+
+def test_what_acts_is_an_average_of_policies(pendulum: Any) -> None:
+    present = pendulum._model.policy.actor_state
+    observations = np.random.RandomState(0).normal(0, 1, (100, 3)).astype(np.float32)
+    now = pendulum._model.predict(observations, deterministic=True)[0]
+    averaged = pendulum.act(observations)
+    assert pendulum._model.policy.actor_state is present
+    assert np.abs(now - averaged).max() > 1e-4
+    before = pendulum._average["params"]["Dense_0"]["bias"]
+    pendulum._add_to_average()
+    share = 2 / learner._AVERAGED  # of two gradient steps
+    share = max(share, 3 / (pendulum.actions_taken - SMALL.random_steps))  # as long as it is large
+    expected = before + share * (present.params["Dense_0"]["bias"] - before)
+    found = pendulum._average["params"]["Dense_0"]["bias"]
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-7)  # float32
+
+
+@pytest.mark.parametrize("domain", TABLE)
+def test_each_number_of_a_row_reaches_the_algorithm(domain: str) -> None:
+    row = TABLE[domain]
+    given = learner._arguments(row)
+    assert given["learning_rate"] == row.learning_rate
+    assert given["batch_size"] == row.batch_size
+    assert given["gamma"] == row.discount
+    assert given["learning_starts"] == row.random_steps
+    assert given["gradient_steps"] == max(1, round(row.num_envs * row.updates))
+    assert given["buffer_size"] <= row.memory
+    assert given["policy_kwargs"]["net_arch"] == {"pi": [*row.actor], "qf": [*row.critic]}
+
+
+def test_the_algorithm_has_the_numbers_that_it_is_given(pendulum: Any) -> None:
+    model = pendulum._model
+    assert (model.batch_size, model.gamma, model.learning_starts) == (16, SMALL.discount, 60)
+    assert model.gradient_steps == 2
+    assert model.replay_buffer.buffer_size == 250 // 3
+    sizes = [weight.shape for weight, _ in pendulum.layers()]
+    assert sizes == [(16, 3), (16, 16), (1, 16)]
+    critic = model.policy.qf_state.params["VmapCritic_0"]
+    assert critic["Dense_0"]["kernel"].shape == (2, 4, 16)
+    assert critic["Dense_1"]["kernel"].shape == (2, 16, 1)

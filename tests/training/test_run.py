@@ -1,0 +1,223 @@
+"""Runs that are killed and continued, refused, or reported."""
+
+import dataclasses
+import json
+import logging
+import math
+import resource
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import policies, suite
+from limberjack.policies import mlp
+from limberjack.training import TABLE, Run, Settings, TrainingError, train
+from limberjack.training import run as run_module
+from tests.training.small import SMALL, make, remembering
+
+_REASON = "needs the extra 'train'"
+pytest.importorskip("sbx", reason=_REASON)
+
+
+class _KilledError(Exception):
+    """Raised in the place of a kill."""
+
+
+def _pendulum(out: Path, **kwargs: Any) -> Run:
+    return train("pendulum", "swingup", **{"out": out, "settings": SMALL, **kwargs})
+
+
+def _killed_at(step: int) -> Callable[[int, int, float], None]:
+    def kill(control_steps: int, steps: int, mean: float) -> None:
+        if control_steps >= step:
+            raise _KilledError
+
+    return kill
+
+
+def _without_times(run: Run) -> list[tuple[int, int, tuple[float, ...]]]:
+    return [(one.control_steps, one.agent_steps, one.returns) for one in run.curve]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return _pendulum(tmp_path_factory.mktemp("undisturbed"), command="limberjack train")
+
+
+def test_a_run_leaves_one_policy_its_curve_and_events(undisturbed: Run) -> None:
+    folder = undisturbed.policy.parent
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *("curve.csv", "policy.safetensors", "tensorboard", "training.json"),
+    ]
+    assert list((folder / "tensorboard").iterdir())
+    first, *_, last = undisturbed.curve
+    assert (first.control_steps, last.control_steps) == (0, 1200)
+    assert len(undisturbed.curve) == 21
+    assert undisturbed.settings == SMALL
+    lines = (folder / "curve.csv").read_text().splitlines()
+    assert lines[0].startswith("control_steps,agent_steps,processor_seconds,mean,return_1,")
+    assert len(lines) == 22
+
+
+def test_the_card_says_where_a_policy_comes_from(undisturbed: Run) -> None:
+    card = mlp.load(undisturbed.policy).card
+    assert (card.domain, card.task, card.action_repeat) == ("pendulum", "swingup", 2)
+    assert (card.algorithm, card.seeds, card.steps) == ("CrossQ", (0,), 1200)
+    assert card.command == "limberjack train"
+    assert card.sizes == (3, 16, 16, 1)
+    assert card.layout == (("orientation", (2,)), ("velocity", (1,)))
+    assert (card.low, card.high) == ((-1.0,), (1.0,))
+    written = json.loads((undisturbed.policy.parent / "training.json").read_text())
+    assert written["fingerprint"] == card.fingerprint
+    assert written["settings"]["actor"] == [16, 16]
+
+
+def test_the_last_evaluation_is_of_the_policy_in_the_file(undisturbed: Run) -> None:
+    policy = mlp.load(undisturbed.policy)
+    total = 0.0
+    env = make(run_module._EVALUATION)
+    time_step = env.reset()
+    while not time_step.last():
+        observation = {name: x[np.newaxis] for name, x in time_step.observation.items()}
+        action = policy.act_batch(observation)[0]
+        for _ in range(2):
+            time_step = env.step(action)
+            total += time_step.reward
+    # The policy in the file rounds differently, by its folded layers.
+    assert undisturbed.curve[-1].returns[0] == pytest.approx(total, rel=1e-3, abs=1e-3)
+
+
+def test_a_killed_run_continues_bit_for_bit(
+    undisturbed: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "_PATIENCE", 0.05)  # checkpoints between evaluations too
+    monkeypatch.setattr(run_module, "_SHARE", 1)
+    kills = sorted(np.random.RandomState(0).randint(6, 1200, size=10).tolist())
+    for step in kills:
+        with pytest.raises(_KilledError):
+            _pendulum(tmp_path, on_progress=_killed_at(step), command="limberjack train")
+        assert not list(tmp_path.glob("*.safetensors"))
+    run = _pendulum(tmp_path, command="limberjack train")
+    assert not run.was_finished
+    assert _without_times(run) == _without_times(undisturbed)
+    assert run.policy.read_bytes() == undisturbed.policy.read_bytes()
+    seconds = [one.processor_seconds for one in run.curve]
+    assert seconds == sorted(seconds)
+
+
+def test_a_finished_run_is_reported_without_the_packages(
+    undisturbed: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "sbx", None)
+    monkeypatch.delitem(sys.modules, "limberjack.training.learner")
+    run = _pendulum(undisturbed.policy.parent)
+    assert run == dataclasses.replace(undisturbed, was_finished=True)
+
+
+def test_another_seed_is_another_run(undisturbed: Run, tmp_path: Path) -> None:
+    _pendulum(tmp_path, seed=1, steps=180)
+    weights = [
+        mlp.load(folder / "policy.safetensors").layers[0][0]
+        for folder in (tmp_path, undisturbed.policy.parent)
+    ]
+    assert not np.array_equal(*weights)
+    with pytest.raises(ValueError, match="whose seed is 0, not 1"):
+        _pendulum(undisturbed.policy.parent, seed=1)
+
+
+def test_the_callers_random_stream_goes_on(tmp_path: Path) -> None:
+    np.random.seed(3)
+    expected = np.random.RandomState(3).uniform(size=4)
+    with pytest.raises(_KilledError):
+        _pendulum(tmp_path, on_progress=_killed_at(60))
+    np.testing.assert_array_equal(np.random.uniform(size=4), expected)
+
+
+def test_losses_that_are_no_numbers_stop_the_run(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, learning_rate=1e30)
+    with pytest.raises(TrainingError, match=r"loss is nan after \d+ control steps"):
+        _pendulum(tmp_path, settings=settings)
+    assert (tmp_path / "checkpoint.pickle").exists()
+    assert not list(tmp_path.glob("*.safetensors"))
+
+
+def test_a_full_disk_keeps_the_last_checkpoint(undisturbed: Run, tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    def fill(control_steps: int, steps: int, mean: float) -> None:
+        if control_steps >= 300:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+
+    try:
+        with pytest.raises(OSError, match=r"checkpoint\.pickle"):
+            _pendulum(tmp_path, on_progress=fill, command="limberjack train")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    run = _pendulum(tmp_path, command="limberjack train")
+    assert run.policy.read_bytes() == undisturbed.policy.read_bytes()
+
+
+def test_a_function_that_makes_environments_trains(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, steps=180, time_limit=None)
+    run = train(make, out=tmp_path, settings=settings)
+    assert mlp.load(run.policy).card.title == ""
+    assert policies.find(f"mlp:{run.policy}", make(0)).name == f"mlp:{run.policy}"
+
+
+def test_environments_of_another_class_train_in_rows(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = dataclasses.replace(SMALL, steps=180, time_limit=None)
+    with caplog.at_level(logging.INFO, "limberjack"):
+        run = train(remembering, out=tmp_path, settings=settings)
+    assert any("not vectorised" in record.getMessage() for record in caplog.records)
+    assert math.isfinite(run.curve[-1].mean)
+
+
+def test_each_row_of_the_table_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    used: list[Settings] = []
+
+    def caught(folder: object, factory: object, env: object, settings: Settings, *more: object):
+        used.append(settings)
+        raise _KilledError
+
+    monkeypatch.setattr(run_module, "_Training", caught)
+    for domain in TABLE:
+        task = suite.TASKS_BY_DOMAIN[domain][0][1]
+        with pytest.raises(_KilledError):
+            train(domain, task, out=tmp_path / domain)
+    assert used == [*TABLE.values()]
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"seed": 1_000_000}, "seed is 1000000; expected a whole number below 1000000"),
+        ({"steps": 0}, "steps is 0; expected a whole number of at least 1"),
+        ({"settings": dataclasses.replace(SMALL, num_envs=1001)}, "num_envs is 1001; expected at"),
+    ],
+)
+def test_bad_numbers_are_refused(kwargs: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        _pendulum(tmp_path / "run", **kwargs)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_task_without_a_time_limit_is_refused(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, time_limit=None)
+    with pytest.raises(ValueError, match=r"no time limit.*time_limit = SECONDS"):
+        train("lqr", "lqr_2_1", out=tmp_path / "run", settings=settings)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_function_that_cannot_be_named_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"define make\(seed\) at the top level of a module"):
+        train(lambda seed: make(seed), out=tmp_path / "run", settings=SMALL)
+    assert not list(tmp_path.iterdir())
