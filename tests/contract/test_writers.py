@@ -74,14 +74,14 @@ def _writes(call: ast.Call) -> ast.expr | None:
         return call.args[0]
     if name in _BY_FULL_NAME:
         return call.func
-    if last == "open" and name not in ("scale.open", "self._scale.open", "archive.open"):
+    if last == "open" and name not in ("scale.open", "self.scale.open", "archive.open"):
         own = 1 if name in ("open", "io.open") else 0
         modes = [*call.args[own : own + 1], *(k.value for k in call.keywords if k.arg == "mode")]
         if not modes:
             return None
         if isinstance(modes[0], ast.Constant) and not set(str(modes[0].value)) & set("wax+"):
             return None
-        return call.func
+        return call.func.value if isinstance(call.func, ast.Attribute) else call.func
     return None
 
 
@@ -122,6 +122,7 @@ def test_writers_are_found_wherever_they_are_hidden() -> None:
     for text in (
         "with replacing(path) as partial:\n    partial.write_text('')",
         "with Hold(a), replacing(path) as partial:\n    np.savez(partial, a=a)",
+        "with replacing(path) as partial, partial.open('wb') as file:\n    file.write(b'')",
         "open(path)",
         "path.open('rb')",
     ):

@@ -11,7 +11,8 @@ import pytest
 
 import limberjack
 from limberjack.doctor import examine, packages
-from limberjack.doctor.examination import Backend, Check, Extra, Threads
+from limberjack.doctor.examination import Backend, Check, Threads
+from limberjack.doctor.packages import Extra
 from limberjack.doctor.probes import Answer
 from limberjack.utils import cores
 

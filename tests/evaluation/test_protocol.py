@@ -53,9 +53,9 @@ def test_actions_are_repeated_twice_and_a_task_without_a_limit_has_a_thousand_st
     assert found.interval is None  # one run has no spread
 
 
-def test_the_planner_acts_at_every_control_step() -> None:
-    assert protocol._action_repeat("planner") is None
-    assert protocol._action_repeat("planner_of_mine:act") == 2
+def test_a_policy_that_demands_a_number_of_steps_per_action_is_played_with_it() -> None:
+    assert protocol._action_repeat("planner", "walker", "walk") is None
+    assert protocol._action_repeat("random", "walker", "walk") == 2
     scores = TaskScores("walker", "walk", (1.0, 2.0), (1, 2), 1000, {})
     assert scores.agent_steps == (1000, 500)
 
