@@ -387,7 +387,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("median=float(np.median(returns))", "median=float(np.sort(returns)[len(returns) // 2])"),
     ],
     "evaluation/protocol.py": [
-        ("return None if policy == PLANNER else _ACTION_REPEAT", "return _ACTION_REPEAT"),
+        ("return _ACTION_REPEAT if demanded is None else None", "return _ACTION_REPEAT"),
         ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
         ("return _STEPS * timestep if limit is None", "return _STEPS if limit is None"),
         (

@@ -10,7 +10,7 @@ from limberjack import policies, suite
 from limberjack.evaluation import evaluate, protocol, statistics
 from limberjack.evaluation.protocol import TaskScores, episodes_of, evaluate_set
 from limberjack.evaluation.sets import TaskSet
-from limberjack.policies import PolicyError
+from limberjack.policies import PolicyError, mlp
 
 _FAST = TaskSet("fast", (("cartpole", "balance"), ("pendulum", "swingup")), "this test")
 
@@ -53,11 +53,36 @@ def test_actions_are_repeated_twice_and_a_task_without_a_limit_has_a_thousand_st
     assert found.interval is None  # one run has no spread
 
 
-def test_a_policy_that_demands_a_number_of_steps_per_action_is_played_with_it() -> None:
-    assert protocol._action_repeat("planner", "walker", "walk") is None
-    assert protocol._action_repeat("random", "walker", "walk") == 2
+def test_a_policy_that_demands_a_number_of_repeats_is_played_with_it() -> None:
+    assert protocol._action_repeat("planner", "walker", "walk") is None  # it demands 1
+    assert protocol._action_repeat("zero", "walker", "walk") == 2
     scores = TaskScores("walker", "walk", (1.0, 2.0), (1, 2), 1000, {})
     assert scores.agent_steps == (1000, 500)
+
+
+def test_policies_in_files_play_at_their_own_repeat_where_there_is_one(tmp_path: Path) -> None:
+    card = mlp.Card(
+        layout=(("orientation", (2,)), ("velocity", (1,))),
+        low=(-1.0,),
+        high=(1.0,),
+        activation="relu",
+        end="none",
+        action_repeat=4,
+    )
+    layer = np.ones((1, 3), np.float32), np.zeros(1, np.float32)
+    mlp.save(tmp_path / "pendulum-swingup.safetensors", [layer], card)
+    run = f"mlp:{tmp_path}/{{domain}}-{{task}}.safetensors"
+    found = evaluate_set(_FAST, [run, "zero"], num_threads=1)
+    (one,) = found.tasks
+    assert (one.domain, one.action_repeats, one.agent_steps) == ("pendulum", (4, 2), (250, 500))
+    alone = evaluate(
+        "pendulum", "swingup", run.format(domain="pendulum", task="swingup"), protocol._SEEDS
+    )
+    assert one.returns[0] == alone.summary().mean
+    assert found.runs == (run, "zero")
+    ((task, reason),) = found.missing.items()
+    assert task == ("cartpole", "balance")
+    assert "cartpole-balance.safetensors" in reason
 
 
 def test_every_task_of_the_suite_with_a_time_limit_has_the_steps_of_the_protocol() -> None:
