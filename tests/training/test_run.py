@@ -201,7 +201,7 @@ def test_each_row_of_the_table_is_used(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"domain": make, "task": None}, "time_limit is 0.4, but a function makes the environment"),
+        ({"domain": make, "task": None}, "time_limit is 0.4, but a function makes"),
         ({"seed": 1_000_000}, "seed is 1000000; expected a whole number below 1000000"),
         ({"steps": 0}, "steps is 0; expected a whole number of at least 1"),
         ({"settings": dataclasses.replace(SMALL, num_envs=1001)}, "num_envs is 1001; expected at"),

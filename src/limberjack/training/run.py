@@ -137,7 +137,8 @@ def train(
         settings = dataclasses.replace(settings, steps=steps)
     if callable(domain) and settings.time_limit is not None:
         raise ValueError(
-            f"time_limit is {settings.time_limit}, but a function makes the environment: set it there"
+            f"time_limit is {settings.time_limit}, but a function makes the environment: set it "
+            "there"
         )
     began = time.process_time()
     if not (Path(out) / POLICY).exists():  # a finished run is reported without the packages
