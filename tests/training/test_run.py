@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import dm_env
 import numpy as np
 import pytest
 
@@ -29,7 +30,8 @@ class _KilledError(Exception):
 
 
 def _pendulum(out: Path, **kwargs: Any) -> Run:
-    return train("pendulum", "swingup", **{"out": out, "settings": SMALL, **kwargs})
+    given = {"domain": "pendulum", "task": "swingup", "out": out, "settings": SMALL, **kwargs}
+    return train(**given)
 
 
 def _killed_at(step: int) -> Callable[[int, int, float], None]:
@@ -125,7 +127,7 @@ def test_another_seed_is_another_run(undisturbed: Run, tmp_path: Path) -> None:
         mlp.load(folder / "policy.safetensors").layers[0][0]
         for folder in (tmp_path, undisturbed.policy.parent)
     ]
-    assert not np.array_equal(*weights)
+    assert not np.array_equal(weights[0], weights[1])
     with pytest.raises(ValueError, match="whose seed is 0, not 1"):
         _pendulum(undisturbed.policy.parent, seed=1)
 
@@ -190,7 +192,7 @@ def test_each_row_of_the_table_is_used(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(run_module, "_Training", caught)
     for domain in TABLE:
-        task = suite.TASKS_BY_DOMAIN[domain][0][1]
+        task = suite.TASKS_BY_DOMAIN[domain][0]
         with pytest.raises(_KilledError):
             train(domain, task, out=tmp_path / domain)
     assert used == [*TABLE.values()]
@@ -199,6 +201,7 @@ def test_each_row_of_the_table_is_used(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
+        ({"domain": make, "task": None}, "time_limit is 0.4, but a function makes"),
         ({"seed": 1_000_000}, "seed is 1000000; expected a whole number below 1000000"),
         ({"steps": 0}, "steps is 0; expected a whole number of at least 1"),
         ({"settings": dataclasses.replace(SMALL, num_envs=1001)}, "num_envs is 1001; expected at"),
@@ -217,7 +220,23 @@ def test_a_task_without_a_time_limit_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def _seeing(seed: int) -> dm_env.Environment:
+    return suite.load(
+        "pendulum",
+        "swingup",
+        task_kwargs={"random": seed},
+        environment_kwargs={"pixels": {"height": 8, "width": 8}},
+    )
+
+
+def test_an_environment_that_observes_pictures_is_refused(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, time_limit=None)
+    with pytest.raises(ValueError, match="observes pictures; expected numbers only"):
+        train(_seeing, out=tmp_path / "run", settings=settings)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_function_that_cannot_be_named_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"define make\(seed\) at the top level of a module"):
-        train(lambda seed: make(seed), out=tmp_path / "run", settings=SMALL)
+        train(lambda seed: make(seed), out=tmp_path / "run")
     assert not list(tmp_path.iterdir())

@@ -12,7 +12,6 @@ from limberjack.cli.options import (
     OptionalDomain,
     RequiredOut,
     TaskName,
-    Threads,
     named_environment,
 )
 from limberjack.cli.output import failures_reported, misuse_reported, remarks_reported
@@ -56,7 +55,6 @@ def _train(
     steps: _Steps = None,
     seed: _Seed = 0,
     config: _Config = None,
-    threads: Threads = None,
 ) -> None:
     """Train a policy with CrossQ, and write it to DIR/policy.safetensors.
 
@@ -81,7 +79,6 @@ def _train(
             steps=steps,
             seed=seed,
             settings=settings,
-            num_threads=threads,
             on_progress=progress.show,
             command=command_line(),
         )

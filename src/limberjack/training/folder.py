@@ -13,9 +13,11 @@ any object: continue only runs of people whom you trust.
 import json
 import pickle
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, open_regular, read_regular, replacing
@@ -61,7 +63,9 @@ class Folder:
                 if _UNFINISHED.fullmatch(path.name):  # of a process that was killed
                     path.unlink()
             if not (directory / _IDENTITY).exists():
-                self.write(directory / _IDENTITY, json.dumps({**identity, **more}, indent=2))
+                with replacing(directory / _IDENTITY) as partial:
+                    text = json.dumps({**identity, **more}, indent=2)
+                    partial.write_text(f"{text}\n", encoding="utf-8")
         except BaseException:
             self._hold.release()
             raise
@@ -94,10 +98,10 @@ class Folder:
         """Whether the final policy is here."""
         return self.policy.exists()
 
-    def write(self, path: Path, text: str) -> None:
-        """Writes a file of the folder."""
-        with replacing(path) as partial:
-            partial.write_text(f"{text.rstrip()}\n", encoding="utf-8")
+    def write_table(self, columns: Sequence[str], numbers: np.ndarray) -> None:
+        """Writes curve.csv, with all digits."""
+        with replacing(self.curve) as partial:
+            np.savetxt(partial, numbers, "%.17g", ",", header=",".join(columns), comments="")
 
     def save(self, state: Mapping[str, object]) -> None:
         """Writes a checkpoint, which replaces the last one."""

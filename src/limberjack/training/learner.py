@@ -230,7 +230,7 @@ def _weights(state: _Tree) -> dict[str, _Tree]:
 
 
 @jax.jit
-def _mixed(one: _Tree, other: _Tree, share: float) -> _Tree:
+def _mixed(one: _Tree, other: _Tree, share: np.floating) -> _Tree:
     """Two trees of arrays, as one."""
     return jax.tree_util.tree_map(lambda x, y: x + share * (y - x), one, other)
 

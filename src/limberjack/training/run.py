@@ -8,10 +8,8 @@ A run of a finished folder only reports it. Rows, evaluation and users' episodes
 different blocks: see `_ROWS` and `_EVALUATION`.
 """
 
-import csv
 import dataclasses
 import importlib
-import io
 import math
 import statistics
 import time
@@ -25,7 +23,9 @@ from limberjack import gym
 from limberjack.episodes.environments import inside
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import mlp
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batches import batch_of
+from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.training.folder import POLICY, Folder
 from limberjack.training.settings import Settings, settings_for
 from limberjack.utils.facts import Facts
@@ -47,6 +47,10 @@ _SHARE = 50  # at least this many times as long as the last one took
 
 _OnProgress = Callable[[int, int, float], object]
 _FORMAT = 1  # of the folder
+_COLUMNS = (
+    *("control_steps", "agent_steps", "processor_seconds", "mean"),
+    *(f"return_{number}" for number in range(1, _EPISODES + 1)),
+)
 
 
 class TrainingError(WorkError):
@@ -58,7 +62,7 @@ class Evaluation:
     """Returns of the policy without exploration, at one moment of a run.
 
     Attributes:
-      control_steps: of all rows so far.
+      control_steps: of all rows so far; an action counts fully where an episode ends within it.
       agent_steps: actions of all rows so far.
       processor_seconds: of this process and those before it, evaluations included.
       returns: of ten episodes, which are the same in all runs of a task.
@@ -100,7 +104,6 @@ def train(
     steps: int | None = None,
     seed: int = 0,
     settings: Settings | None = None,
-    num_threads: int | None = None,
     on_progress: _OnProgress | None = None,
     command: str = "",
 ) -> Run:
@@ -116,7 +119,6 @@ def train(
       steps: control steps of the run; None for those of the settings.
       seed: below 1,000,000, of the networks, the exploration and the rows.
       settings: None for the table's row of the domain; see `limberjack.training.settings`.
-      num_threads: number of threads that step the rows.
       on_progress: called before each step with the control steps so far, those of the run, and the
         mean of the last evaluation.
       command: that trains, for the policy's card.
@@ -133,9 +135,14 @@ def train(
     settings = settings or settings_for(domain if isinstance(domain, str) else "")
     if steps is not None:
         settings = dataclasses.replace(settings, steps=steps)
+    if callable(domain) and settings.time_limit is not None:
+        raise ValueError(
+            f"time_limit is {settings.time_limit}, but a function makes the environment: set it "
+            "there"
+        )
+    began = time.process_time()
     if not (Path(out) / POLICY).exists():  # a finished run is reported without the packages
         importlib.import_module("limberjack.training.learner")
-    began = time.process_time()
     factory = factory_of(domain, task, settings.time_limit)
     environment = _checked(factory, settings)
     identity, more = _facts(factory, environment, settings, seed), {"command": command}
@@ -145,12 +152,12 @@ def train(
         if folder.is_finished:
             folder.finish()
             return Run(folder.policy, _read_curve(folder.curve), settings, True)
-        training = _Training(folder, factory, environment, settings, seed, num_threads, began)
+        training = _Training(folder, factory, environment, settings, seed, began)
         try:
             training.run(on_progress)
+            mlp.save(folder.policy, training.learner.layers(), training.card(identity, command))
         finally:
             training.close()
-        mlp.save(folder.policy, training.learner.layers(), training.card(identity, command))
         folder.finish()
         return Run(folder.policy, tuple(training.curve), settings, False)
     finally:
@@ -168,9 +175,11 @@ def _checked(factory: Factory, settings: Settings) -> dm_env.Environment:
     environment = factory.make(0)
     if inside(environment).step_limit is None:
         raise ValueError(
-            f"{factory.title} has no time limit, so an episode might never end: give it one, or "
-            "put time_limit = SECONDS into a file of settings"
+            f"{factory.title} has no time limit, so an episode might never end: give it one, or a "
+            "task named by its domain time_limit = SECONDS in its settings"
         )
+    if PIXELS_KEY in environment.observation_spec():
+        raise ValueError(f"{factory.title} observes pictures; expected numbers only")
     if settings.num_envs > _ROWS_OF_A_RUN:
         raise ValueError(f"num_envs is {settings.num_envs}; expected at most {_ROWS_OF_A_RUN}")
     return environment
@@ -200,7 +209,6 @@ class _Training:
         environment: dm_env.Environment,
         settings: Settings,
         seed: int,
-        num_threads: int | None,
         began: float,
     ) -> None:
         from limberjack import sb3
@@ -210,7 +218,7 @@ class _Training:
             batch = batch_of(
                 factory.build(environment),
                 count,
-                num_threads,
+                1,  # thread, for a few percent of the time
                 seed=first,
                 action_repeat=settings.action_repeat,
                 stagger=stagger,
@@ -249,11 +257,12 @@ class _Training:
 
     def card(self, identity: Facts, command: str) -> mlp.Card:
         """The card of the final policy."""
-        space = self._envs.action_space
+        spec = self._envs.vector_env.batches[0].single_action_spec()
+        low, high = (np.broadcast_to(x, spec.shape).ravel() for x in bounds_to_try(spec))
         return mlp.Card(
             layout=tuple((part.name, tuple(part.shape)) for part in self._envs.vector_env.layout),
-            low=tuple(np.ravel(space.low).tolist()),
-            high=tuple(np.ravel(space.high).tolist()),
+            low=tuple(low.tolist()),
+            high=tuple(high.tolist()),
             activation="relu",
             end="tanh",
             action_repeat=self._settings.action_repeat,
@@ -286,8 +295,8 @@ class _Training:
         for name, value in bad.items():
             raise TrainingError(
                 f"{name} is {value} after {self._control_steps} control steps; the last checkpoint "
-                f"is kept, but would get there again: train in another folder with other settings "
-                "or another seed"
+                "is kept, but would get there again: train in another folder with another seed or "
+                "other settings"
             )
 
     def _evaluate(self) -> None:
@@ -297,7 +306,7 @@ class _Training:
         observations = envs.reset()
         returns, running = np.zeros(_EPISODES), np.ones(_EPISODES, bool)
         while running.any():
-            observations, rewards, dones, _ = envs.step(self.learner.act(observations))
+            observations, rewards, dones, _ = envs.step(self.learner.act(np.asarray(observations)))
             returns += np.where(running, rewards, 0.0)
             running &= ~dones
         self.curve.append(
@@ -308,7 +317,7 @@ class _Training:
                 tuple(returns.tolist()),
             )
         )
-        self._folder.write(self._folder.curve, _as_csv(self.curve))
+        self._folder.write_table(_COLUMNS, _numbers(self.curve))
         values = {"return": self.curve[-1].mean, "processor_seconds": self._processor_seconds}
         events = {f"evaluation/{name}": value for name, value in values.items()}
         self.learner.write_events(self._control_steps, events)
@@ -339,25 +348,15 @@ class _Training:
         self._began -= state["processor_seconds"]
 
 
-def _as_csv(curve: Sequence[Evaluation]) -> str:
-    """The text of curve.csv."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [field.name for field in dataclasses.fields(Evaluation)][:-1]
-    writer.writerow([*names, "mean", *(f"return_{i}" for i in range(1, _EPISODES + 1))])
-    for one in curve:
-        *numbers, returns = dataclasses.astuple(one)
-        writer.writerow([*numbers, one.mean, *returns])
-    return text.getvalue()
+def _numbers(curve: Sequence[Evaluation]) -> np.ndarray:
+    """The lines of curve.csv."""
+    return np.array([[*dataclasses.astuple(one)[:-1], one.mean, *one.returns] for one in curve])
 
 
 def _read_curve(path: Path) -> tuple[Evaluation, ...]:
     """The evaluations in curve.csv; raises ValueError if it is damaged."""
     try:
-        _, *lines = csv.reader(path.read_text(encoding="utf-8").splitlines())
-        return tuple(
-            Evaluation(int(line[0]), int(line[1]), float(line[2]), tuple(map(float, line[4:])))
-            for line in lines
-        )
-    except (ValueError, IndexError) as error:
+        lines = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).tolist()
+        return tuple(Evaluation(int(a), int(b), c, tuple(x)) for a, b, c, _, *x in lines)
+    except ValueError as error:
         raise ValueError(f"{path} is damaged ({error})") from error
