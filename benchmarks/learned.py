@@ -1,0 +1,195 @@
+"""Scores the policies that `limberjack train` has learned, bundles the median ones, writes a table.
+
+    limberjack train walker walk --seed 0 --out trained/walker-walk-0      # and seeds 1 and 2
+    python benchmarks/learned.py trained
+
+plays each finished policy of `trained/DOMAIN-TASK-SEED` on 100 seeds that no training has seen,
+keeps all returns and learning curves in results/learned, and puts the policy of the median run into
+the package. A task needs three runs or more, an odd number. Without a folder it only writes the
+table of docs/policies.md.
+"""
+
+import csv
+import dataclasses
+import hashlib
+import json
+import re
+import statistics
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from limberjack.evaluation import Evaluation, evaluate, published
+from limberjack.policies import mlp
+
+__all__ = ["SEEDS", "bundle", "main", "results", "section"]
+
+RESULTS = Path(__file__).parent / "results" / "learned"
+SEEDS = range(40_000, 40_100)  # on which nothing was trained, evaluated or tuned
+
+_ROOT = Path(__file__).parents[1]
+_PAGE = _ROOT / "docs" / "policies.md"
+_BUNDLED = _ROOT / "src" / "limberjack" / "policies" / "pretrained"
+_POLICY = "policy.safetensors"
+_LEAST_RUNS = 3
+_LICENCE = "Apache-2.0"
+_MARKS = "<!-- bundled policies: written by benchmarks/learned.py -->", "<!-- end -->"
+_MILLION = 1_000_000
+
+_TEXT = """
+Each task was trained with {runs} seeds by `limberjack train`, and the policy of the median run is
+bundled, never the best one. Returns are those of 100 seeds that no training has seen
+({first}:{end}), from observations, at the action repeat of the card. *interval*: 95 % confidence,
+of the mean over these seeds. *success*: the share of episodes whose last 100 steps have a mean
+reward of at least 0.9. *runs*: the means of all runs. *published*: the best published mean after 1
+million steps, as in [Scores](scores.md#published-scores). `benchmarks/results/learned` has every
+return and the learning curves.
+"""
+
+# Any: what was read from JSON.
+_Result = dict[str, Any]
+
+
+def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[str]:
+    """Scores the runs of a folder and bundles the median ones; returns the names of the tasks.
+
+    Args:
+      trained: has folders DOMAIN-TASK-SEED of `limberjack train`.
+      folder: of the bundled policies.
+      out: of the results.
+    """
+    tasks: dict[str, list[Path]] = {}
+    for path in sorted(trained.glob(f"*/{_POLICY}")):
+        tasks.setdefault(path.parent.name.rpartition("-")[0], []).append(path.parent)
+    complete = {name: runs for name, runs in tasks.items() if len(runs) >= _LEAST_RUNS}
+    for name, runs in complete.items():
+        odd = runs[: len(runs) - (len(runs) + 1) % 2]
+        scored = [_scored(run) for run in odd]
+        middle = statistics.median(one["mean"] for one, _ in scored)
+        index = next(i for i, (one, _) in enumerate(scored) if one["mean"] == middle)
+        run, evaluation = scored[index]
+        _copy(odd[index] / _POLICY, folder / f"{name}.safetensors", run)
+        content = {
+            "domain": evaluation.facts["domain"],
+            "task": evaluation.facts["task"],
+            "seeds": f"{SEEDS.start}:{SEEDS.stop}",
+            "versions": evaluation.facts["versions"],
+            "zero": evaluation.summary("zero").mean,
+            "random": evaluation.summary("random").mean,
+            "bundled": run["seed"],
+            "runs": [one for one, _ in scored],
+        }
+        out.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+        (out / f"{name}.json").write_text(_short_lists(text), encoding="utf-8")
+    return list(complete)
+
+
+def results(folder: Path = RESULTS) -> list[_Result]:
+    """The results of all tasks, in the order of their names."""
+    return [json.loads(path.read_text("utf-8")) for path in sorted(folder.glob("*.json"))]
+
+
+def section(found: Iterable[_Result]) -> str:
+    """The text of the page about the bundled policies."""
+    lines = [
+        "| task | steps | repeat | mean | interval | median | minimum | success | runs | zero here "
+        "| published |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    counts = set()
+    for result in found:
+        counts.add(len(result["runs"]))
+        lines.append(_row(result))
+    text = _TEXT.format(runs=" or ".join(map(str, sorted(counts))), first=SEEDS[0], end=SEEDS.stop)
+    return f"{text}\n" + "\n".join(lines) + "\n\n" if counts else ""
+
+
+def _row(result: _Result) -> str:
+    (run,) = (one for one in result["runs"] if one["seed"] == result["bundled"])
+    low, high = run["interval"]
+    best = published.best(result["domain"], result["task"], _MILLION)
+    cells = [
+        f"{result['domain']} {result['task']}",
+        f"{run['steps'] // 1000}k",
+        str(run["action_repeat"]),
+        f"{run['mean']:.1f}",
+        f"{low:.1f} to {high:.1f}",
+        f"{statistics.median(run['returns']):.1f}",
+        f"{min(run['returns']):.1f}",
+        f"{run['success_rate']:.0%}".replace("%", " %"),
+        ", ".join(f"{one['mean']:.0f}" for one in result["runs"]),
+        f"{result['zero']:.1f}",
+        "none" if best is None else f"{best.mean:.0f} {best.algorithm}",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _scored(folder: Path) -> tuple[_Result, Evaluation]:
+    """The facts of a run, and its evaluation."""
+    path = folder / _POLICY
+    card = mlp.load(path).card
+    where = card.domain, card.task
+    limit = _time_limit(folder)
+    evaluation = evaluate(*where, f"mlp:{path}", SEEDS, time_limit=limit)
+    summary = evaluation.summary()
+    with (folder / "curve.csv").open(encoding="utf-8") as file:
+        _, *lines = csv.reader(file)
+    run = {
+        "seed": card.seeds[0],
+        "command": f"limberjack train {' '.join(where)} --seed {card.seeds[0]}",
+        "steps": card.steps,
+        "action_repeat": card.action_repeat,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "mean": summary.mean,
+        "interval": summary.interval,
+        "success_rate": summary.success_rate,
+        "returns": [score.total for score in evaluation.scores[evaluation.policy]],
+        # Control steps, seconds of one processor core, mean return of ten episodes.
+        "curve": [[int(line[0]), float(line[2]), float(line[3])] for line in lines],
+    }
+    return run, evaluation
+
+
+def _time_limit(folder: Path) -> float | None:
+    """Seconds of an episode in training, for a task without a limit of its own."""
+    return json.loads((folder / "training.json").read_text("utf-8"))["settings"]["time_limit"]
+
+
+def _copy(source: Path, target: Path, run: _Result) -> None:
+    """Copies a policy, with its scores in the card."""
+    policy = mlp.load(source)
+    low, high = run["interval"]
+    scores = mlp.Scores(run["mean"], (low, high), (SEEDS.start, SEEDS.stop))
+    card = dataclasses.replace(policy.card, scores=scores, licence=_LICENCE, command=run["command"])
+    target.parent.mkdir(parents=True, exist_ok=True)
+    mlp.save(target, policy.layers, card)
+
+
+def _short_lists(text: str) -> str:
+    """JSON with lists of numbers on one line each."""
+    return re.sub(r"\[[-\d\s.,e+]*\]", lambda found: " ".join(found[0].split()), text)
+
+
+def write_page(page: Path = _PAGE) -> None:
+    """Replaces the text between the marks."""
+    text, (first, last) = page.read_text(encoding="utf-8"), _MARKS
+    before, _, rest = text.partition(first)
+    _, _, after = rest.partition(last)
+    page.write_text(f"{before}{first}\n{section(results())}{last}{after}", encoding="utf-8")
+
+
+def main(
+    trained: Annotated[Path | None, typer.Argument(help="Folder of folders of runs.")] = None,
+) -> None:
+    """Scores and bundles the runs of a folder, if one is given, and writes the table."""
+    if trained is not None:
+        for name in bundle(trained):
+            typer.echo(name)
+    write_page()
+
+
+if __name__ == "__main__":
+    typer.run(main)
