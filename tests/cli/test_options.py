@@ -35,6 +35,8 @@ _DIFFERENT = {
     ("record", "--out"): "one file",
     ("info", "--json"): "has more than doctor's and list's",
     ("list", "--json"): "is a list of tasks",
+    ("policies", "--json"): "is a list of policies",
+    ("export", "--action-repeat"): "that of the training, which the model does not know",
 }
 
 

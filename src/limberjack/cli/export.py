@@ -15,7 +15,7 @@ __all__: list[str] = []
 @command(
     "export",
     "limberjack export sb3:walker.zip walker.safetensors",
-    "limberjack export sb3:walker.zip walker.safetensors --task walker/walk --action-repeat 2",
+    "limberjack export sb3:walk.zip walk.safetensors --task walker/walk",
 )
 def _export(
     policy: Annotated[
