@@ -18,11 +18,12 @@ import copy
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypedDict
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import torch
@@ -36,10 +37,10 @@ from limberjack.rl.contract import Task
 from limberjack.rl.control import Environment
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.suite import base
-from limberjack.utils.arrays import AnyArray, Quantity, rows_of_a_batch
+from limberjack.utils.arrays import Quantity, rows_of_a_batch
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
+__all__ = ["BatchState", "DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
 
 _FRESH_AT_ONCE = 8  # new starts that are drawn and copied together
 _USUAL_EPISODE = 1_000  # steps; for the number of new starts where episodes have no time limit
@@ -94,6 +95,32 @@ class Outcome:
     begun: torch.Tensor
     diverged: torch.Tensor
     overflow: torch.Tensor
+
+
+class BatchState(TypedDict):
+    """The result of `DeviceBatch.state_dict`.
+
+    Attributes:
+      parts: see `DeviceBatch.parts`.
+      rows: see `DeviceBatch.read_rows`.
+      steps, terminated, truncated: those of the counter.
+      ring, head, tail: values, head and tail of the ring of starts.
+      owed: new starts that are due, a fraction of the number that is drawn together.
+      random: state of the stream that later seeds are drawn from.
+      seeds: those of the rows.
+    """
+
+    parts: list[str]
+    rows: torch.Tensor
+    steps: torch.Tensor
+    terminated: torch.Tensor
+    truncated: torch.Tensor
+    ring: torch.Tensor
+    head: torch.Tensor
+    tail: int
+    owed: float
+    random: dict[str, object] | tuple[str, npt.NDArray[np.uint32], int, int, float]
+    seeds: list[int]
 
 
 class DeviceBatch:
@@ -305,12 +332,11 @@ class DeviceBatch:
         kept = {name: self._per_row(value).clone() for name, value in terms.items()}
         return Outcome(self._observation(), shown, ending, kept, success, begun, diverged, overflow)
 
-    def _per_row(self, value: Quantity) -> torch.Tensor:
+    def _per_row(self, value: Quantity | torch.Tensor) -> torch.Tensor:
         """One number for each row, (num_envs,), of an array or a number for all rows."""
-        tensor = plain(value)
-        if not isinstance(tensor, torch.Tensor):
-            tensor = torch.full((), value, dtype=torch.float32, device=self.device)
-        return tensor.expand(self.num_envs)
+        if isinstance(value, float | int | np.generic | np.ndarray):
+            value = torch.full((), value, dtype=torch.float32, device=self.device)
+        return plain(value).expand(self.num_envs)
 
     def _observation(self) -> _Observation:
         with rows_of_a_batch(self.num_envs):
@@ -356,7 +382,7 @@ class DeviceBatch:
                     "Warp shares between all rows: use the CPU, limberjack.gym.load_vector"
                 )
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> BatchState:
         """Everything that the future of the batch depends on, in copies."""
         assert self._ring is not None, "reset the batch first"
         with self.simulation.scope():
@@ -374,7 +400,7 @@ class DeviceBatch:
                 "seeds": list(self.seeds),
             }
 
-    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+    def load_state_dict(self, state: BatchState) -> None:
         """Continues from the result of `state_dict` of a batch of the same task and size."""
         with self.simulation.scope():
             rows = state["rows"].to(self.device)

@@ -27,7 +27,13 @@ from gymnasium.vector.utils import batch_space
 from limberjack import suite
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import device_of, torch
-from limberjack.gpu.batch import DeviceBatch, Options, Outcome, usual_starts_per_step
+from limberjack.gpu.batch import (
+    BatchState,
+    DeviceBatch,
+    Options,
+    Outcome,
+    usual_starts_per_step,
+)
 from limberjack.gpu.sizes import Sizes, measured
 from limberjack.gym import arguments
 from limberjack.gym.observations import Info, Observations, action_space, specs_of_one_row
@@ -38,7 +44,6 @@ from limberjack.rl.control import Environment
 from limberjack.rl.guards import as_rows, at_least_one
 from limberjack.rl.randomize import stream_beside
 from limberjack.rl.snapshot import Snapshot
-from limberjack.utils.arrays import AnyArray
 from limberjack.utils.log import log
 
 __all__ = ["VectorEnv", "load_vector"]
@@ -203,12 +208,12 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_begun()
         return _snapshot_of(self.batch, as_rows(rows, self.num_envs))
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> BatchState:
         """Everything that the future of the batch depends on, for `torch.save`."""
         self._check_begun()
         return self.batch.state_dict()
 
-    def load_state_dict(self, state: Mapping[str, AnyArray]) -> _Observation:
+    def load_state_dict(self, state: BatchState) -> _Observation:
         """Continue from the result of `state_dict`; return the observations.
 
         Raises:
@@ -265,7 +270,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         values = _with_masks({name: own[name].clone() for name in randomizer.fields}, begun)
         return {"randomization": values, "_randomization": begun.clone()}
 
-    def _check_actions(self, actions: AnyArray) -> None:
+    def _check_actions(self, actions: torch.Tensor) -> None:
         if not isinstance(actions, torch.Tensor):
             raise TypeError(
                 f"actions are a {type(actions).__name__}; expected a torch.Tensor on {self.device}"
@@ -288,8 +293,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             )
 
     def _mask_on_device(self, options: Mapping[str, object] | None) -> torch.Tensor | None:
-        mask: AnyArray = options.get("reset_mask") if isinstance(options, Mapping) else None
-        if not isinstance(mask, torch.Tensor) or mask.device != self.device:
+        mask = _tensor_mask(options)
+        if mask is None or mask.device != self.device:
             return None
         fits = mask.dtype == torch.bool and tuple(mask.shape) == (self.num_envs,)
         return mask.clone() if fits else None
@@ -304,10 +309,16 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             raise error.ResetNeeded("no episode is running: call reset() first")
 
 
+def _tensor_mask(options: Mapping[str, object] | None) -> torch.Tensor | None:
+    """The mask in the options of a reset; None if there is none or it is no tensor."""
+    mask = options.get("reset_mask") if isinstance(options, Mapping) else None
+    return mask if isinstance(mask, torch.Tensor) else None
+
+
 def _on_cpu(options: Mapping[str, object] | None) -> Mapping[str, object] | None:
-    """The options with the mask as an array of NumPy."""
-    mask: AnyArray = options.get("reset_mask") if isinstance(options, Mapping) else None
-    if not isinstance(mask, torch.Tensor):
+    """The options with the mask as a NumPy array."""
+    mask = _tensor_mask(options)
+    if mask is None:
         return options
     return {**(options or {}), "reset_mask": mask.cpu().numpy()}
 
@@ -345,7 +356,7 @@ def _snapshot_of(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
     )
 
 
-def _check_state(batch: DeviceBatch, state: Mapping[str, AnyArray]) -> None:
+def _check_state(batch: DeviceBatch, state: BatchState) -> None:
     """Raises ValueError unless a batch can continue from the result of its `state_dict`."""
     rows = state.get("rows")
     shape = None if rows is None else tuple(rows.shape)

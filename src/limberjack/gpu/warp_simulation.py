@@ -31,11 +31,10 @@ import numpy as np
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import mujoco_warp, torch, warp
 from limberjack.gpu.sizes import Sizes
-from limberjack.gpu.tensors import constant, device_array
+from limberjack.gpu.tensors import DeviceArray, constant, device_array
 from limberjack.mujoco.simulation import Field
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["WarpSimulation", "bytes_per_row"]
 
@@ -173,8 +172,8 @@ class WarpSimulation:
 
     def _live(self, name: str) -> torch.Tensor:
         if name not in self._fields:
-            array: AnyArray = getattr(self._data, name, None)
-            if not isinstance(array, warp.array):
+            array = getattr(self._data, name, None)
+            if array is None or not isinstance(array, warp.array):
                 raise AttributeError(f"MuJoCo Warp's data has no array {name!r}")
             tensor = warp.to_torch(array)
             if getattr(array.dtype, "_shape_", ()) == (3, 3):  # in MuJoCo they are rows of nine
@@ -216,7 +215,7 @@ class WarpSimulation:
         return field, False
 
     @property
-    def own_fields(self) -> dict[str, AnyArray]:
+    def own_fields(self) -> dict[str, DeviceArray]:
         """Model fields that differ by row, for `physics.model.opt`."""
         return {name: device_array(values) for name, values in self.own.items()}
 
@@ -238,7 +237,7 @@ def bytes_per_row(model: MjModel, own_fields: Sequence[str], sizes: Sizes) -> in
     return two - one + own
 
 
-def _arrays(struct: AnyArray) -> Iterator["warp.array"]:
+def _arrays(struct: "mujoco_warp.Data") -> Iterator["warp.array"]:
     for field in dataclasses.fields(struct):
         value = getattr(struct, field.name)
         if isinstance(value, warp.array):

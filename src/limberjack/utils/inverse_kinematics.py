@@ -12,7 +12,6 @@ dm_control's. This module needs `limberjack.mujoco`, unlike the others of `limbe
 import collections
 import operator
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -142,8 +141,7 @@ def _check(
             ) from None
 
 
-# The index is what NumPy indexes with: Any.
-def _degrees_of_freedom(physics: Physics, joint_names: object) -> Any:
+def _degrees_of_freedom(physics: Physics, joint_names: object) -> slice | np.ndarray:
     """Index of the degrees of freedom of the named joints, each of which may have several."""
     if joint_names is None:
         return slice(None)
@@ -201,8 +199,8 @@ class _Search:
         mujoco.mj_jacSite(self._model, self._data, jac_pos, jac_rot, self._site)
         return self._jacobian
 
-    def move(self, dofs: Any, update: np.ndarray) -> None:  # Any: as from _degrees_of_freedom
-        """Moves joints by a displacement of the given degrees of freedom."""
+    def move(self, dofs: slice | np.ndarray, update: np.ndarray) -> None:
+        """Moves joints by a displacement of the degrees of freedom `dofs`."""
         displacement = np.zeros(self._model.nv)
         displacement[dofs] = update
         pass_exit_guard()

@@ -16,7 +16,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import mujoco
 
@@ -95,27 +95,26 @@ class _RenderingThread(threading.Thread):
     def __init__(self, canvases: Canvases) -> None:
         # A daemon, because Python joins all other threads before it runs exit handlers.
         super().__init__(name="limberjack-rendering", daemon=True)
-        # Any: jobs have results of several types.
-        self.jobs: queue.SimpleQueue[_Job[Any] | None] = queue.SimpleQueue()
+        self.jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self.busy = threading.RLock()
         self.canvases = canvases
 
     def run(self) -> None:
         while (job := self.jobs.get()) is not None:
             with self.busy:
-                job.run()
+                job()
             del job  # otherwise the last picture would stay alive during the wait
 
-    def do(self, job: _Job[Any]) -> None:  # the result's type is the caller's
+    def do(self, job: Callable[[], None]) -> None:
         """Queues the job; runs it immediately if called on this thread."""
         if threading.current_thread() is self:
-            job.run()
+            job()
         else:
             self.jobs.put(job)
 
     def do_call(self, function: Callable[..., object], *args: object) -> None:
         """Queues a call without waiting for it; safe in destructors."""
-        self.do(_Job(function, *args))
+        self.do(_Job(function, *args).run)
 
 
 class _Process:
@@ -151,7 +150,7 @@ class _Process:
         what = model, size, may_have_changed, when_gone, function, args
         job: _Job[_T] = _Job(thread.canvases.draw, *what)
         try:
-            thread.do(job)
+            thread.do(job.run)
             if not job.wait(_FORK_PATIENCE if may_hang else -1):
                 self._hung = thread
                 raise RenderingError(_HUNG)
