@@ -58,7 +58,6 @@ def measure(
     device: object = "cuda:0",
     seconds: float = 3.0,
     on_progress: Callable[[str, float], object] | None = None,
-    **kwargs: object,
 ) -> Speed:
     """Measures how fast a task steps on a device, with random actions.
 
@@ -70,7 +69,6 @@ def measure(
       seconds: approximate time of measuring, without compilation.
       on_progress: called between blocks of steps, with what is being done and the share of all that
         is done.
-      kwargs: of `load_vector`.
 
     Raises:
       ValueError: `seconds` is not positive; or see `load_vector`.
@@ -79,7 +77,7 @@ def measure(
         raise ValueError(f"seconds is {seconds!r}; expected a positive number")
     report = on_progress or (lambda what, share: None)
     report("compiling kernels", 0.0)
-    envs = load_vector(domain, task, num_envs, device=device, seed=0, **kwargs)  # pyright: ignore[reportArgumentType]
+    envs = load_vector(domain, task, num_envs, device=device, seed=0)
     envs.reset()
     players = {"environment": _environment(envs), "bare": _bare(envs)}
     for play in players.values():

@@ -58,7 +58,7 @@ _Observation = torch.Tensor | dict[str, torch.Tensor]
 _Step = tuple[_Observation, torch.Tensor, torch.Tensor, torch.Tensor, Info]
 
 
-class VectorEnv(gymnasium_vector.VectorEnv):
+class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Tensor]):
     """A batch on a device; see the module's docstring.
 
     `device` is a `torch.device`; `layout` gives the position of each observation in the flat array,
@@ -160,7 +160,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         begun = self._all if mask is None else torch.from_numpy(mask).to(self.device)
         return self._in_form(observation), self._drawn(begun)
 
-    def step(self, actions: torch.Tensor) -> _Step:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def step(self, actions: torch.Tensor) -> _Step:
         """Step every row; return observations, rewards, terminated, truncated and info.
 
         With an `action_repeat` of k each row makes k control steps, or fewer if its episode ends.

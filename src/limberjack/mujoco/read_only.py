@@ -141,7 +141,7 @@ class _Guarded(np.ndarray):
             target._change(lambda array: func(array, *given[1:], **kwargs))
         return None if func in _WRITERS else target
 
-    def __reduce__(self) -> str | tuple[object, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def __reduce__(self) -> str | tuple[object, ...]:
         return self.view(np.ndarray).__reduce__()
 
 

@@ -131,7 +131,7 @@ def rotation_z_axis(theta: ArrayLike, full: bool = False) -> np.ndarray:
 
 
 def _about_axis(axis: int, theta: ArrayLike, full: bool) -> np.ndarray:
-    count = 1 if np.isscalar(theta) else len(theta)  # pyright: ignore[reportArgumentType]
+    count = 1 if np.isscalar(theta) else len(np.asarray(theta))
     if np.ndim(theta) > 1 and np.shape(theta) != (1, 1):
         raise ValueError(f"angles have shape {np.shape(theta)}; expected one angle or (N,)")
     cosine, sine = np.cos(theta), np.sin(theta)
@@ -316,7 +316,7 @@ def quat_rotate(quat: np.ndarray, vec: ArrayLike) -> np.ndarray:
     A quaternion that is not of unit norm scales the vector by its square. As in dm_control, the
     result is meaningless for several quaternions: rotate by one after the other.
     """
-    pure = np.hstack([[0], vec])  # pyright: ignore[reportArgumentType, reportCallIssue]
+    pure = np.hstack([np.zeros(1, int), np.asarray(vec)])
     return quat_mul(quat_mul(quat, pure), quat_conj(quat))[1:]
 
 

@@ -16,7 +16,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from typing import Generic, TypeVar, cast
+from typing import Generic, TypeVar
 
 import mujoco
 
@@ -40,7 +40,7 @@ class _Job(Generic[_T]):
 
     def __init__(self, function: Callable[..., _T], *args: object) -> None:
         self._call: tuple[Callable[..., _T], tuple[object, ...]] | None = (function, args)
-        self._value: _T | None = None
+        self._values: list[_T] = []  # empty, or the result
         self._error: BaseException | None = None
         self._is_done = False
         # Acquired once, either to run the job or to cancel it.
@@ -55,7 +55,7 @@ class _Job(Generic[_T]):
         assert self._call is not None
         function, args = self._call
         try:
-            self._value = function(*args)
+            self._values.append(function(*args))
         except BaseException as error:
             self._error = error
         finally:
@@ -84,9 +84,9 @@ class _Job(Generic[_T]):
         try:
             if error is not None:
                 raise error
-            return cast(_T, self._value)
+            return self._values.pop()
         finally:
-            self._value = error = None  # otherwise the traceback would keep itself alive
+            error = None  # otherwise the traceback would keep itself alive
 
 
 class _RenderingThread(threading.Thread):
