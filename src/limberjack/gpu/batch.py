@@ -6,12 +6,12 @@
 
 A control step sets the controls, runs the physics steps, begins the episodes that are due, computes
 the first half of the next step, and then the observation and the reward with the task's own code.
-`step` makes one of them, or as many as an action is repeated.
+`step` makes one control step, or several if actions are repeated.
 
 Row i's first episode is that of `RandomState(seed + i)`, as on the CPU. Later episodes take their
-starts from a ring of `num_envs` starts, the oldest first. The control steps replace them by new
-ones, of seeds drawn from a stream of their own: with the default number a start is used once where
-episodes last until the time limit.
+starts from a ring buffer of `num_envs` starts, the oldest first. Control steps replace the oldest
+starts by new ones, whose seeds come from a separate random stream. By default there are as many new
+starts as episodes that last until the time limit need.
 """
 
 import copy
@@ -43,7 +43,7 @@ from limberjack.utils.seeds import checked_seed
 __all__ = ["BatchState", "DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
 
 _FRESH_AT_ONCE = 8  # new starts that are drawn and copied together
-_USUAL_EPISODE = 1_000  # steps; for the number of new starts where episodes have no time limit
+_USUAL_EPISODE = 1_000  # steps; length assumed for episodes without a time limit
 _LARGEST = mujoco.mjMAXVAL  # MuJoCo replaces a state with larger values
 _SHARE = 0.9  # of the free memory: kernels and PyTorch take some too
 
@@ -59,8 +59,8 @@ class Options:
       sizes: room for contacts and constraints.
       starts_per_step: new starts to draw in each control step, on average.
       uses_graphs: record sequences of kernels, and replay them.
-      begins_next: begin the next episode of a row in the step after its last one; else rows wait
-        for `begin`.
+      begins_next: begin a row's next episode in the step after its last one ended; otherwise the
+        row waits for `begin`.
       action_repeat: control steps per action; see `control.Environment.step`.
     """
 
@@ -73,7 +73,7 @@ class Options:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """The result of a step, in tensors that later steps do not change.
+    """The result of a step; later steps do not change its tensors.
 
     Attributes:
       observation: by name.
@@ -156,7 +156,7 @@ class DeviceBatch:
         self.n_sub_steps = environment._n_sub_steps
         own, model = environment._saved_fields(), environment.physics.model
         model_fields.check(own)
-        if environment.physics.simulation.sets_constants:  # those that mj_setConst recomputes
+        if environment.physics.simulation.sets_constants:  # add what mj_setConst recomputes
             own = tuple(dict.fromkeys((*own, *model_fields.batched(derived_fields(own)))))
         _check_memory(num_envs, bytes_per_row(model, own, options.sizes), device)
         self.simulation = WarpSimulation(
@@ -176,14 +176,14 @@ class DeviceBatch:
         self.seed(seed)
 
     def seed(self, seed: int | None) -> None:
-        """Lets the next whole `reset` begin the first episodes of `RandomState(seed + i)`."""
+        """Makes the next `reset` of all rows begin episodes of `RandomState(seed + i)`."""
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
         checked_seed(first + self.num_envs - 1)
         self.seeds = list(range(first, first + self.num_envs))
         # The seeds of later starts.
         self._random = np.random.RandomState([first, self.num_envs])
         self._ring = None
-        self._owed = self._fresh_at_once - 1.0  # so that the new ones are early, never late
+        self._owed = self._fresh_at_once - 1.0  # so that new starts come early rather than late
 
     def reset(
         self, mask: np.ndarray | None = None, seeds: Sequence[int | None] | None = None
@@ -192,8 +192,8 @@ class DeviceBatch:
 
         Args:
           mask: (num_envs,) booleans.
-          seeds: for each row a seed whose first episode it begins; where None, the row takes a
-            start of the ring, or at the first call begins its first episode.
+          seeds: for each row the seed whose first episode it begins. A row with None takes a start
+            from the ring, or in the first call begins its first episode.
         """
         numbers = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
         given = list(seeds) if seeds is not None else [None] * self.num_envs
@@ -435,13 +435,13 @@ class DeviceBatch:
 
 
 class _Ring:
-    """Starts of episodes on a device, which are used in turn and replaced in turn.
+    """A ring buffer of starts of episodes on a device.
 
         ring = _Ring(starts)                # (size, width), tensor
         rows = ring.take(mask)              # (num_envs, width): a start for each row of the mask
         ring.replace(new)                   # (n, width) NumPy, in place of the oldest
 
-    Which start a row takes is computed on the device: nothing waits for it.
+    The starts that rows take are chosen on the device, so nothing waits for it.
 
     Attributes:
       values: the starts, (size, width).
@@ -463,7 +463,7 @@ class _Ring:
         return self.values[which]
 
     def replace(self, rows: np.ndarray) -> None:
-        """Writes new starts, (n, width), over those that were written first."""
+        """Overwrites the oldest starts with new ones, (n, width)."""
         size = len(self.values)
         for row in np.array_split(rows, range(size - self.tail, len(rows), size)):
             fresh = torch.from_numpy(np.ascontiguousarray(row))
@@ -475,7 +475,7 @@ class _Ring:
 
 
 class _Rows:
-    """The fields of a simulation that starts are written to, and that are read as one array.
+    """The fields of a simulation that a start sets, written and read as rows of numbers.
 
         rows = _Rows(simulation, starts.parts)
         rows.write(mask, values)            # values (num_envs, width), where the mask is set
@@ -485,7 +485,7 @@ class _Rows:
     """
 
     def __init__(self, simulation: WarpSimulation, parts: Sequence[Part]) -> None:
-        """Takes the fields of a simulation that the parts of a start name."""
+        """Looks up the fields that the parts of a start name."""
         self._targets = [(part, _target(simulation, part)) for part in parts]
 
     def write(self, mask: torch.Tensor, values: torch.Tensor) -> None:
@@ -518,7 +518,7 @@ def _put(target: torch.Tensor, mask: torch.Tensor, values: torch.Tensor) -> None
 
 
 def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
-    """The outcome of several control steps and one more, before which rows of a mask had ended."""
+    """The combined outcome of control steps and of the next one, without rows that are `done`."""
     counts = ~done & ~outcome.diverged
     observation = {
         name: torch.where(
@@ -545,7 +545,7 @@ def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
 
 
 def usual_starts_per_step(num_envs: int, step_limit: float) -> float:
-    """New starts in each step with which each start is used once, if episodes are full length."""
+    """New starts per step with which each start is used once if episodes have full length."""
     return num_envs / (step_limit if math.isfinite(step_limit) else _USUAL_EPISODE)
 
 

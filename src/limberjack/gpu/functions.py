@@ -22,7 +22,7 @@ Axis = int | tuple[int, ...] | None
 _Type = npt.DTypeLike | torch.dtype
 _Number = torch.Tensor | float
 
-# Universal functions that torch names otherwise, or whose namesake differs.
+# Universal functions that have another name in torch, or a namesake that differs.
 _UFUNCS: dict[str, _Function] = {
     "cbrt": lambda x: torch.sign(x) * torch.pow(torch.abs(x), 1 / 3),
     "conjugate": torch.conj,
@@ -50,7 +50,7 @@ _REDUCTIONS: dict[str, str] = {
 
 
 def of_ufunc(name: str, method: str) -> _Function | None:
-    """The counterpart of a universal function, called with tensors; None if there is none."""
+    """The counterpart of a universal function, called with tensors; None if it has none."""
     if method == "reduce" and name in _REDUCTIONS:
         return _reduction(_REDUCTIONS[name], default_axis=0)
     if method != "__call__":
@@ -59,7 +59,7 @@ def of_ufunc(name: str, method: str) -> _Function | None:
 
 
 def of_function(function: _Function) -> _Function | None:
-    """The counterpart of another function of NumPy, with its arguments; None if there is none."""
+    """The counterpart of another NumPy function, with NumPy's arguments; None if it has none."""
     return _FUNCTIONS.get(function)
 
 
@@ -108,10 +108,6 @@ def _reduction(name: str, default_axis: int | None = None) -> _Function:
 
 def _axes(x: torch.Tensor, axis: Axis) -> int | tuple[int, ...]:
     return tuple(range(x.ndim)) if axis is None else axis
-
-
-def _mean(x: torch.Tensor, axis: Axis = None, keepdims: bool = False) -> torch.Tensor:
-    return torch.mean(x, _axes(x, axis), keepdim=keepdims)
 
 
 def _moment(name: str) -> _Function:
@@ -224,7 +220,7 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.hstack: torch.hstack,
     np.linalg.norm: _norm,
     np.max: _reduction("amax"),
-    np.mean: _mean,
+    np.mean: _reduction("mean"),
     np.min: _reduction("amin"),
     np.moveaxis: torch.movedim,
     np.nan_to_num: lambda x, nan=0.0: torch.nan_to_num(x, nan),

@@ -88,17 +88,16 @@ def measure(
         report("measuring", min(spent / seconds, 1.0))
         for name, play in players.items():
             taken[name].append(_timed(play, envs))
-    batch = envs.batch
     speed = _speed(f"{domain}:{task}", envs, taken)
-    size = bytes_per_row(batch.simulation.model, tuple(batch.simulation.own), batch.options.sizes)
     envs.close()
-    return dataclasses.replace(speed, bytes_per_row=size)
+    return speed
 
 
 def _speed(task: str, envs: VectorEnv, taken: Mapping[str, list[float]]) -> Speed:
     whole, bare = (statistics.median(taken[name]) for name in ("environment", "bare"))
     pairs = zip(taken["bare"], taken["environment"], strict=True)
     per_block = envs.num_envs * _BLOCK
+    simulation = envs.batch.simulation
     return Speed(
         task,
         _name_of(envs.device),
@@ -106,7 +105,7 @@ def _speed(task: str, envs: VectorEnv, taken: Mapping[str, list[float]]) -> Spee
         per_block / whole,
         per_block / bare,
         statistics.median(alone / both for alone, both in pairs),
-        0,
+        bytes_per_row(simulation.model, tuple(simulation.own), envs.batch.options.sizes),
         envs.overflows,
     )
 

@@ -192,7 +192,7 @@ _INDEXING = (torch.Tensor.__getitem__, torch.Tensor.__setitem__)
 
 
 def _first(args: Iterable[object]) -> torch.Tensor | None:
-    """The first tensor among arguments, which may be lists; None if there is none."""
+    """The first tensor among arguments and in lists of them; None if no tensor is found."""
     for arg in args:
         found = _first(arg) if isinstance(arg, list | tuple) else arg
         if isinstance(found, torch.Tensor):

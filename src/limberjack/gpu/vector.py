@@ -5,8 +5,8 @@
     observations, rewards, terminated, truncated, info = envs.step(actions)    # (4096, 21) float32
 
 Observations, rewards, masks and the info are tensors on the device, which later steps do not
-change. The info has the keys of `limberjack.gym.VectorEnv`; every entry is present in every step,
-and its mask says for which rows it is valid, since looking whether there are any would wait for the
+change. The info has the keys of `limberjack.gym.VectorEnv`. Every entry is present in every step,
+and its mask says for which rows it is valid: checking whether there are any would wait for the
 device. In same-step mode, `final_obs` therefore has a row for every environment, and `final_info`
 is one mapping. `overflow` marks rows whose contacts or constraints had no room.
 
@@ -137,8 +137,8 @@ class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Ten
 
         Args:
           seed: row i begins the first episode of `RandomState(seed + i)`; a sequence has a seed for
-            each row. Where it is None the row takes one of the waiting starts; the first reset
-            begins the first episodes of the seed that the environment was made with.
+            each row. A row with None takes one of the starts that were drawn in advance, or in the
+            first reset begins the first episode of the seed that the environment was made with.
           options: `{"reset_mask": mask}`, (num_envs,) booleans in an array or a tensor, resets some
             rows only. A tensor on the device without seeds does not wait for the device.
 
@@ -164,7 +164,7 @@ class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Ten
         """Step every row; return observations, rewards, terminated, truncated and info.
 
         With an `action_repeat` of k each row makes k control steps, or fewer if its episode ends.
-        Rewards and their terms are summed; everything else is that of the last control step.
+        Rewards and their terms are summed; everything else belongs to the last control step.
         A row whose action is not finite diverges: its episode ends. With `autoreset_mode` DISABLED
         a row whose episode has ended reports that again, with reward 0, until it is reset.
 
@@ -217,7 +217,7 @@ class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Ten
         """Continue from the result of `state_dict`; return the observations.
 
         Raises:
-          ValueError: it is of another task or number of rows; nothing has changed.
+          ValueError: it belongs to another task or number of rows; nothing was changed.
         """
         self._check_open()
         _check_state(self.batch, state)
@@ -310,7 +310,7 @@ class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Ten
 
 
 def _tensor_mask(options: Mapping[str, object] | None) -> torch.Tensor | None:
-    """The mask in the options of a reset; None if there is none or it is no tensor."""
+    """The mask in the options of a reset if it is a tensor, else None."""
     mask = options.get("reset_mask") if isinstance(options, Mapping) else None
     return mask if isinstance(mask, torch.Tensor) else None
 
@@ -466,7 +466,7 @@ def load_vector(
 
 
 def _sizes(environment: Environment, nconmax: int | None, njmax: int | None) -> Sizes:
-    """The sizes that are given, or those that the environment needs."""
+    """The given sizes; for None what the environment needs."""
     needed = measured(environment)
     return Sizes(
         needed.nconmax if nconmax is None else at_least_one("nconmax", nconmax),

@@ -259,9 +259,9 @@ class FieldIndexer:
 
 
 class _IntegerIndexer(FieldIndexer):
-    """Indexer of an integer field of a model, to which writes are checked or refused.
+    """Indexer of an integer field of a model, whose writes are checked or refused.
 
-    It reads ordinary arrays, as other indexers do; those that are views are read-only.
+    Reading gives ordinary arrays, as with other indexers; views among them are read-only.
     """
 
     __slots__ = ()
@@ -357,7 +357,7 @@ def _refuse(item: object) -> None:
 
 
 def _frozen(key: object) -> Hashable:
-    """A hashable form of a key; None if there is none, as for an array.
+    """A hashable form of a key; None for a key without one, such as an array.
 
     The form includes types, because 1, 1.0 and True are different keys, as are `a["x", "y"]` and
     `a[["x", "y"]]`.

@@ -8,8 +8,8 @@
     modes[0] = 3        # calls check(modes as they would be), which raises or returns None
 
 A view shares the memory of its array, so it always has the current values. Results of arithmetic
-and copies are ordinary arrays. Every view is read-only for NumPy, so that a way of writing that
-this module does not know fails with NumPy's own message instead of passing unchecked.
+and copies are ordinary arrays. For NumPy every view is read-only, so any write that this module
+does not intercept fails with NumPy's own message instead of passing unchecked.
 """
 
 import functools
@@ -54,10 +54,10 @@ def _writer(name: str) -> Callable[..., None]:
 
 
 class _Guarded(np.ndarray):
-    """A view to which everything is written by `_change`; a copy of it is an ordinary array."""
+    """A view whose writes go through `_change`; a copy of it can be written directly."""
 
     def _change(self, change: _Change) -> None:
-        """Writes to the viewed array as `change` writes to the array that it is given."""
+        """Applies `change`, which writes to its argument, to the viewed array; or raises."""
         raise NotImplementedError
 
     __setitem__ = _writer("__setitem__")
@@ -201,7 +201,7 @@ class Checked(_Guarded):
 
 
 class _Flat:
-    """The elements of a guarded view in order, in place of NumPy's `flatiter`."""
+    """The elements of a guarded view in order; replaces NumPy's `flatiter`."""
 
     def __init__(self, array: _Guarded) -> None:
         self._array = array
@@ -240,7 +240,10 @@ def _plain(value: object) -> object:
 
 
 def _counterpart(part: np.ndarray, whole: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The part of `other` at the place that `part` has in `whole`, which has the same layout."""
+    """The view of `other` with the offset and strides that `part` has in `whole`.
+
+    `whole` and `other` have the same layout.
+    """
     start, first = (each.__array_interface__["data"][0] for each in (whole, part))
     return np.ndarray(part.shape, part.dtype, other.data, first - start, part.strides)
 
@@ -256,8 +259,8 @@ class ReadOnlyStruct:
         Args:
           struct: the struct.
           name: its name, for messages.
-          own: fields that differ per row, (num_envs, ...), which take the place of the struct's and
-            may be writable.
+          own: fields that differ per row, (num_envs, ...), which replace the struct's and may be
+            writable.
         """
         vars(self).update(_struct=struct, _name=name, _own=own or {})
 

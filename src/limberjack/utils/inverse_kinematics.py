@@ -4,9 +4,10 @@
     if result.success:
         physics.data.qpos[:] = result.qpos
 
-Gauss-Newton steps on the pose error, damped while it is large, from the current joint positions on.
-Limits of joints and contacts are not considered. Names, arguments, results and kinds of errors are
-dm_control's. This module needs `limberjack.mujoco`, unlike the others of `limberjack.utils`.
+The search makes Gauss-Newton steps on the pose error, damped while it is large, and begins at the
+current joint positions. Limits of joints and contacts are not considered. Names, arguments, results
+and kinds of errors are dm_control's. Unlike the rest of `limberjack.utils`, this module needs
+`limberjack.mujoco`.
 """
 
 import collections
@@ -154,7 +155,7 @@ def _degrees_of_freedom(physics: Physics, joint_names: object) -> slice | np.nda
 
 
 class _Search:
-    """A simulation under way to a target; `difference` is the pose error that `error` computed."""
+    """A search in progress; `difference` is the pose error that `error` computed last."""
 
     def __init__(
         self,

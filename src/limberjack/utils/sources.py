@@ -112,7 +112,7 @@ def defined_in(target: object) -> type:
 
 
 def imported(name: str) -> object:
-    """The object of an imported module that MODULE:NAME names; None if there is none."""
+    """The object of an imported module that MODULE:NAME names; None if it does not exist."""
     module, _, path = name.partition(":")
     target: object = sys.modules.get(module)
     for part in path.split("."):
@@ -122,7 +122,7 @@ def imported(name: str) -> object:
 
 def _files_in(folder: Path) -> Iterator[Path]:
     """The Python files of a folder and those below it."""
-    # Without folders, and without links to nothing, with which editors lock a file.
+    # Not folders, nor the dangling links with which some editors lock a file.
     return (path for path in folder.rglob("*.py") if path.is_file())
 
 

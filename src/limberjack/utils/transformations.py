@@ -46,7 +46,7 @@ __all__ = [
 _TOLERANCE = 1e-10  # rounding that is forgiven, and the smallest rotation and squared norm
 _POLE = 1.0 - 1e-6  # sine of the middle Euler angle from which the other two are not separated
 
-# Component and sign at each place of the matrix L with p q = L q, for the quaternion product.
+# Component and sign of each element of the matrix L with p q = L q, for the quaternion product.
 _LEFT_COMPONENT = np.bitwise_xor.outer(np.arange(4), np.arange(4))
 _LEFT_SIGN = np.array([[1, -1, -1, -1], [1, 1, -1, 1], [1, 1, 1, -1], [1, -1, 1, 1]])
 
@@ -92,7 +92,7 @@ def euler_to_rmat(euler_vec: ArrayLike, ordering: str = "ZXZ", full: bool = Fals
     first, second, third, *_ = turns
     if first.ndim == 2:
         return first.dot(second).dot(third)
-    # Not `matmul`, which may round another way than dm_control's einsum.
+    # Not `matmul`, which may round differently from dm_control's einsum.
     product = np.einsum("nij,njk->nik", first, second)
     return np.einsum("nij,njk->nik", product, third).squeeze()
 

@@ -5,7 +5,7 @@
     backend.make_current(context)
     backend.destroy(context)
 
-All calls must come from one thread, that of `thread.py`. EGL (see `egl.py`) and OSMesa are called
+All calls must come from the thread of `thread.py`. EGL (see `egl.py`) and OSMesa are called
 directly instead of through PyOpenGL, which supports only one of them per process, selected by an
 environment variable. A backend counts as open only after it has created a working context, because
 MuJoCo looks up OpenGL's functions once per process and caches a failure.
@@ -87,7 +87,7 @@ def open_backend(
     chosen = _choice(os.environ.get(_VARIABLE, "").lower().strip(), device)
     if inherited is not None or (is_forked and "egl" in chosen and _is_mesa_loaded()):
         try:
-            return _open_afresh(inherited)
+            return _reopened(inherited)
         except UnavailableError:
             if inherited is not None:
                 raise RenderingError(_NOT_AFTER_FORK.format(inherited.renderer)) from None
@@ -104,7 +104,7 @@ def open_backend(
     raise error
 
 
-def _open_afresh(inherited: Backend | None) -> Backend:
+def _reopened(inherited: Backend | None) -> Backend:
     """Mesa's software renderer, through an entry point that the parent process did not use."""
     if inherited is not None:
         is_software = any(name in inherited.renderer for name in _SOFTWARE_RENDERERS)

@@ -1,4 +1,4 @@
-"""Integer fields of a model: those that are fixed, and those that are checked at each write.
+"""Integer fields of a model: which are fixed, and which are checked at each write.
 
     modes = checked_field(official, "cam_mode")
     modes[0] = 3        # ValueError, and nothing changes, unless the model as a whole stays valid
@@ -226,7 +226,7 @@ def _both(affine: tuple[int, ...]) -> _Check:
 
 
 def _check_frames(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
-    """Frames may be said to be different, or the same if they are."""
+    """A frame may be marked as different, or as equal to another one if it is."""
     changed = np.flatnonzero(getattr(model, name) != values)
     if not values[changed].any():
         return
@@ -352,15 +352,11 @@ def _with_constants(model: mujoco.MjModel) -> mujoco.MjModel:
         mujoco.mj_setConst(model, data_of(model))
     except mujoco.FatalError:
         # It refuses geoms that were made to collide and have no box in the tree of their body.
-        has_box = np.isin(np.arange(model.ngeom), model.bvh_nodeid[: _nodes_of_bodies(model)])
+        of_bodies = model.bvh_nodeid[: model.body_bvhnum.sum()]  # before those of flexes and meshes
+        has_box = np.isin(np.arange(model.ngeom), of_bodies)
         model.geom_contype[~has_box] = model.geom_conaffinity[~has_box] = 0
         mujoco.mj_setConst(model, data_of(model))
     return model
-
-
-def _nodes_of_bodies(model: mujoco.MjModel) -> int:
-    """Number of nodes of all bodies' trees, which precede those of flexes and meshes."""
-    return int(model.body_bvhnum.sum())
 
 
 _BOUNDS = ("geom_rbound", "geom_aabb", "geom_fluid")
