@@ -40,8 +40,9 @@ class _Physics(Protocol):
     @property
     def model(self) -> MjModel: ...
 
+    # Any: a `wrapper.MjData`, or a `RowsData`.
     @property
-    def data(self) -> Any: ...  # Any: a `wrapper.MjData`, or a `RowsData`
+    def data(self) -> Any: ...
 
     @property
     def simulation(self) -> Simulation: ...

@@ -259,7 +259,7 @@ class _Cgl:
         if context is not None:
             context.make_current()
 
-    def destroy(self, context: Any) -> None:
+    def destroy(self, context: Any) -> None:  # Any: as above
         context.free()
 
 
