@@ -337,7 +337,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "utils/files.py": [("except BaseException as error:", "except Exception as error:")],
     "utils/xml_tools.py": [
-        ("child: _Node = copy.deepcopy(single)", "child: _Node = copy.deepcopy(element)"),
+        ("child = copy.deepcopy(single)", "child = copy.deepcopy(element)"),
         ("for element in top.iter(tag) if element is not top]", "for element in top.iter(tag)]"),
     ],
     "utils/png.py": [
@@ -603,7 +603,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            model.opt.disableflags = self._flags_before\n", ""),
     ],
     "mujoco/replicas.py": [
-        ("        one.__dict__.update(like._attributes())\n", ""),
+        ("        vars(one).update(like._attributes())\n", ""),
         ("one.simulation.sets_constants = like", "one.simulation.sets_constants = False and like"),
         (
             "            values[row] = read_field(model, name)\n",
@@ -631,10 +631,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "mujoco/read_only.py": [
         (
-            "        self._change(lambda array: array.__setitem__(key, value))\n\n    def _call",
-            "        super().__setitem__(key, value)\n\n    def _call",
+            "            self._change(lambda array: method(array, *args, **kwargs))\n",
+            "            method(self, *args, **kwargs)\n",
         ),
-        ("            outs[guarded[0]]._change(write)\n", "            write()\n"),
+        ("            guarded[0][1]._change(write)\n", "            write()\n"),
         ('self._advice = getattr(source, "_advice", "")', 'self._advice = ""'),
     ],
     "mujoco/model_values.py": [

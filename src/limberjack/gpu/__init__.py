@@ -6,9 +6,8 @@
     observations, info = envs.reset()
     observations, rewards, terminated, truncated, info = envs.step(actions)    # tensors
 
-Tasks are those of the suite, or your own: their NumPy code runs on tensors as it is. `REFUSED` has
-the tasks that need something which rows cannot have on a device, with the reason; loading one
-raises ValueError with it.
+Tasks are those of the suite, or your own: their NumPy code runs on tensors as it is. `REFUSED` maps
+the suite's tasks that cannot run on a device to the reason; loading one raises ValueError with it.
 
 Verified on Warp's CPU device; not measured on a GPU yet: see docs/gpu.md.
 """

@@ -4,8 +4,7 @@
 
     device_of("cuda:0")     # torch.device("cuda:0")
 
-No other file imports these packages. Where a device of some name cannot be used, `device_of` says
-what is missing.
+No other file imports these packages. If a device cannot be used, `device_of` says what is missing.
 """
 
 from limberjack.utils.requirements import missing_extra
@@ -65,7 +64,7 @@ def devices() -> list[str]:
     """Each CUDA device in words: its name and memory.
 
     Raises:
-      ValueError: there is none that can be used; the message says what to install.
+      ValueError: none can be used; the message says what to install.
     """
     device_of("cuda:0")
     found = (torch.cuda.get_device_properties(i) for i in range(torch.cuda.device_count()))

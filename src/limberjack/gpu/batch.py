@@ -6,23 +6,24 @@
 
 A control step sets the controls, runs the physics steps, begins the episodes that are due, computes
 the first half of the next step, and then the observation and the reward with the task's own code.
-`step` makes one of them, or as many as an action is repeated.
+`step` makes one control step, or several if actions are repeated.
 
 Row i's first episode is that of `RandomState(seed + i)`, as on the CPU. Later episodes take their
-starts from a ring of `num_envs` starts, the oldest first. The control steps replace them by new
-ones, of seeds drawn from a stream of their own: with the default number a start is used once where
-episodes last until the time limit.
+starts from a ring buffer of `num_envs` starts, the oldest first. Control steps replace the oldest
+starts by new ones, whose seeds come from a separate random stream. By default there are as many new
+starts as episodes that last until the time limit need.
 """
 
 import copy
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypedDict
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import torch
@@ -36,13 +37,13 @@ from limberjack.rl.contract import Task
 from limberjack.rl.control import Environment
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.suite import base
-from limberjack.utils.arrays import AnyArray, Quantity, rows_of_a_batch
+from limberjack.utils.arrays import Quantity, rows_of_a_batch
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
+__all__ = ["BatchState", "DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
 
 _FRESH_AT_ONCE = 8  # new starts that are drawn and copied together
-_USUAL_EPISODE = 1_000  # steps; for the number of new starts where episodes have no time limit
+_USUAL_EPISODE = 1_000  # steps; length assumed for episodes without a time limit
 _LARGEST = mujoco.mjMAXVAL  # MuJoCo replaces a state with larger values
 _SHARE = 0.9  # of the free memory: kernels and PyTorch take some too
 
@@ -58,8 +59,8 @@ class Options:
       sizes: room for contacts and constraints.
       starts_per_step: new starts to draw in each control step, on average.
       uses_graphs: record sequences of kernels, and replay them.
-      begins_next: begin the next episode of a row in the step after its last one; else rows wait
-        for `begin`.
+      begins_next: begin a row's next episode in the step after its last one ended; otherwise the
+        row waits for `begin`.
       action_repeat: control steps per action; see `control.Environment.step`.
     """
 
@@ -72,7 +73,7 @@ class Options:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """The result of a step, in tensors that later steps do not change.
+    """The result of a step; later steps do not change its tensors.
 
     Attributes:
       observation: by name.
@@ -94,6 +95,32 @@ class Outcome:
     begun: torch.Tensor
     diverged: torch.Tensor
     overflow: torch.Tensor
+
+
+class BatchState(TypedDict):
+    """The result of `DeviceBatch.state_dict`.
+
+    Attributes:
+      parts: see `DeviceBatch.parts`.
+      rows: see `DeviceBatch.read_rows`.
+      steps, terminated, truncated: those of the counter.
+      ring, head, tail: values, head and tail of the ring of starts.
+      owed: new starts that are due, a fraction of the number that is drawn together.
+      random: state of the stream that later seeds are drawn from.
+      seeds: those of the rows.
+    """
+
+    parts: list[str]
+    rows: torch.Tensor
+    steps: torch.Tensor
+    terminated: torch.Tensor
+    truncated: torch.Tensor
+    ring: torch.Tensor
+    head: torch.Tensor
+    tail: int
+    owed: float
+    random: dict[str, object] | tuple[str, npt.NDArray[np.uint32], int, int, float]
+    seeds: list[int]
 
 
 class DeviceBatch:
@@ -129,7 +156,7 @@ class DeviceBatch:
         self.n_sub_steps = environment._n_sub_steps
         own, model = environment._saved_fields(), environment.physics.model
         model_fields.check(own)
-        if environment.physics.simulation.sets_constants:  # those that mj_setConst recomputes
+        if environment.physics.simulation.sets_constants:  # add what mj_setConst recomputes
             own = tuple(dict.fromkeys((*own, *model_fields.batched(derived_fields(own)))))
         _check_memory(num_envs, bytes_per_row(model, own, options.sizes), device)
         self.simulation = WarpSimulation(
@@ -149,14 +176,14 @@ class DeviceBatch:
         self.seed(seed)
 
     def seed(self, seed: int | None) -> None:
-        """Lets the next whole `reset` begin the first episodes of `RandomState(seed + i)`."""
+        """Makes the next `reset` of all rows begin episodes of `RandomState(seed + i)`."""
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
         checked_seed(first + self.num_envs - 1)
         self.seeds = list(range(first, first + self.num_envs))
         # The seeds of later starts.
         self._random = np.random.RandomState([first, self.num_envs])
         self._ring = None
-        self._owed = self._fresh_at_once - 1.0  # so that the new ones are early, never late
+        self._owed = self._fresh_at_once - 1.0  # so that new starts come early rather than late
 
     def reset(
         self, mask: np.ndarray | None = None, seeds: Sequence[int | None] | None = None
@@ -165,8 +192,8 @@ class DeviceBatch:
 
         Args:
           mask: (num_envs,) booleans.
-          seeds: for each row a seed whose first episode it begins; where None, the row takes a
-            start of the ring, or at the first call begins its first episode.
+          seeds: for each row the seed whose first episode it begins. A row with None takes a start
+            from the ring, or in the first call begins its first episode.
         """
         numbers = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
         given = list(seeds) if seeds is not None else [None] * self.num_envs
@@ -305,12 +332,11 @@ class DeviceBatch:
         kept = {name: self._per_row(value).clone() for name, value in terms.items()}
         return Outcome(self._observation(), shown, ending, kept, success, begun, diverged, overflow)
 
-    def _per_row(self, value: Quantity) -> torch.Tensor:
+    def _per_row(self, value: Quantity | torch.Tensor) -> torch.Tensor:
         """One number for each row, (num_envs,), of an array or a number for all rows."""
-        tensor = plain(value)
-        if not isinstance(tensor, torch.Tensor):
-            tensor = torch.full((), value, dtype=torch.float32, device=self.device)
-        return tensor.expand(self.num_envs)
+        if isinstance(value, float | int | np.generic | np.ndarray):
+            value = torch.full((), value, dtype=torch.float32, device=self.device)
+        return plain(value).expand(self.num_envs)
 
     def _observation(self) -> _Observation:
         with rows_of_a_batch(self.num_envs):
@@ -356,7 +382,7 @@ class DeviceBatch:
                     "Warp shares between all rows: use the CPU, limberjack.gym.load_vector"
                 )
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> BatchState:
         """Everything that the future of the batch depends on, in copies."""
         assert self._ring is not None, "reset the batch first"
         with self.simulation.scope():
@@ -374,7 +400,7 @@ class DeviceBatch:
                 "seeds": list(self.seeds),
             }
 
-    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+    def load_state_dict(self, state: BatchState) -> None:
         """Continues from the result of `state_dict` of a batch of the same task and size."""
         with self.simulation.scope():
             rows = state["rows"].to(self.device)
@@ -409,13 +435,13 @@ class DeviceBatch:
 
 
 class _Ring:
-    """Starts of episodes on a device, which are used in turn and replaced in turn.
+    """A ring buffer of starts of episodes on a device.
 
         ring = _Ring(starts)                # (size, width), tensor
         rows = ring.take(mask)              # (num_envs, width): a start for each row of the mask
         ring.replace(new)                   # (n, width) NumPy, in place of the oldest
 
-    Which start a row takes is computed on the device: nothing waits for it.
+    The starts that rows take are chosen on the device, so nothing waits for it.
 
     Attributes:
       values: the starts, (size, width).
@@ -437,7 +463,7 @@ class _Ring:
         return self.values[which]
 
     def replace(self, rows: np.ndarray) -> None:
-        """Writes new starts, (n, width), over those that were written first."""
+        """Overwrites the oldest starts with new ones, (n, width)."""
         size = len(self.values)
         for row in np.array_split(rows, range(size - self.tail, len(rows), size)):
             fresh = torch.from_numpy(np.ascontiguousarray(row))
@@ -449,7 +475,7 @@ class _Ring:
 
 
 class _Rows:
-    """The fields of a simulation that starts are written to, and that are read as one array.
+    """The fields of a simulation that a start sets, written and read as rows of numbers.
 
         rows = _Rows(simulation, starts.parts)
         rows.write(mask, values)            # values (num_envs, width), where the mask is set
@@ -459,7 +485,7 @@ class _Rows:
     """
 
     def __init__(self, simulation: WarpSimulation, parts: Sequence[Part]) -> None:
-        """Takes the fields of a simulation that the parts of a start name."""
+        """Looks up the fields that the parts of a start name."""
         self._targets = [(part, _target(simulation, part)) for part in parts]
 
     def write(self, mask: torch.Tensor, values: torch.Tensor) -> None:
@@ -492,7 +518,7 @@ def _put(target: torch.Tensor, mask: torch.Tensor, values: torch.Tensor) -> None
 
 
 def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
-    """The outcome of several control steps and one more, before which rows of a mask had ended."""
+    """The combined outcome of control steps and of the next one, without rows that are `done`."""
     counts = ~done & ~outcome.diverged
     observation = {
         name: torch.where(
@@ -519,7 +545,7 @@ def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
 
 
 def usual_starts_per_step(num_envs: int, step_limit: float) -> float:
-    """New starts in each step with which each start is used once, if episodes are full length."""
+    """New starts per step with which each start is used once if episodes have full length."""
     return num_envs / (step_limit if math.isfinite(step_limit) else _USUAL_EPISODE)
 
 

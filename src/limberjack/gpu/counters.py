@@ -20,9 +20,9 @@ class Ending:
     """Masks of the rows whose episode ends.
 
     Attributes:
-      last: those that end.
-      terminated: those that the task or divergence ends.
-      truncated: those that the time limit ends.
+      last: for any reason.
+      terminated: because of the task or divergence.
+      truncated: because of the time limit.
     """
 
     last: torch.Tensor
@@ -34,8 +34,9 @@ class Counter:
     """See the module's docstring.
 
     Attributes:
-      steps: since each row's episode began.
-      terminated, truncated: rows whose episode has ended, and that have not begun another one.
+      steps: control steps of each row's episode so far.
+      terminated, truncated: masks of the rows whose last episode ended so; False again once a row
+        begins another one.
     """
 
     def __init__(self, num_envs: int, step_limit: float, device: torch.device | str) -> None:
@@ -46,7 +47,7 @@ class Counter:
 
     @property
     def ended(self) -> torch.Tensor:
-        """Rows whose episode has ended, and that have not begun another one."""
+        """Mask of the rows whose episode has ended and that have not begun another one."""
         return self.terminated | self.truncated
 
     def begin(self, rows: torch.Tensor) -> None:
@@ -64,7 +65,8 @@ class Counter:
     ) -> tuple[torch.Tensor, Ending]:
         """Counts a step; returns the reward to report, and which episodes end.
 
-        Rows whose episode had ended before, without beginning another one, keep how it ended.
+        A row whose episode ended in an earlier step reports the same ending in every step until it
+        begins another episode.
 
         Args:
           begun: rows that began an episode in this step.

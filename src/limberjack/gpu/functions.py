@@ -6,21 +6,23 @@
 A function without a counterpart is refused by name; see `refuse`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.gpu.backend import torch
-from limberjack.utils.arrays import AnyArray
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["dtype_of", "name_of", "of_function", "of_ufunc", "refuse"]
+__all__ = ["Axis", "dtype_of", "name_of", "of_function", "of_ufunc", "refuse"]
 
-# AnyArray in this module: tensors, and other arguments of NumPy's functions.
-_Function = Callable[..., AnyArray]
+_Function = Callable[..., object]
+Axis = int | tuple[int, ...] | None
+_Type = npt.DTypeLike | torch.dtype
+_Number = torch.Tensor | float
 
-# Universal functions that torch names otherwise, or whose namesake differs.
+# Universal functions that have another name in torch, or a namesake that differs.
 _UFUNCS: dict[str, _Function] = {
     "cbrt": lambda x: torch.sign(x) * torch.pow(torch.abs(x), 1 / 3),
     "conjugate": torch.conj,
@@ -48,7 +50,7 @@ _REDUCTIONS: dict[str, str] = {
 
 
 def of_ufunc(name: str, method: str) -> _Function | None:
-    """The counterpart of a universal function, called with tensors; None if there is none."""
+    """The counterpart of a universal function, called with tensors; None if it has none."""
     if method == "reduce" and name in _REDUCTIONS:
         return _reduction(_REDUCTIONS[name], default_axis=0)
     if method != "__call__":
@@ -57,7 +59,7 @@ def of_ufunc(name: str, method: str) -> _Function | None:
 
 
 def of_function(function: _Function) -> _Function | None:
-    """The counterpart of another function of NumPy, with its arguments; None if there is none."""
+    """The counterpart of another NumPy function, with NumPy's arguments; None if it has none."""
     return _FUNCTIONS.get(function)
 
 
@@ -77,7 +79,7 @@ def refuse(name: str, instead: str = "") -> NoReturn:
     )
 
 
-def dtype_of(dtype: AnyArray) -> AnyArray:
+def dtype_of(dtype: _Type) -> torch.dtype:
     """The number type on a device: float32 for every float, int64 for integers, bool."""
     if isinstance(dtype, torch.dtype):
         return dtype
@@ -91,8 +93,11 @@ def _reduction(name: str, default_axis: int | None = None) -> _Function:
     reduce = getattr(torch, name)
 
     def compute(
-        x: AnyArray, axis: AnyArray = default_axis, dtype: AnyArray = None, keepdims: bool = False
-    ) -> AnyArray:
+        x: torch.Tensor,
+        axis: Axis = default_axis,
+        dtype: _Type | None = None,
+        keepdims: bool = False,
+    ) -> torch.Tensor:
         if name == "prod" and axis is None:  # torch multiplies along one axis only
             x, axis = x.reshape(-1), 0
         result = reduce(x, _axes(x, axis), keepdim=keepdims)
@@ -101,20 +106,16 @@ def _reduction(name: str, default_axis: int | None = None) -> _Function:
     return compute
 
 
-def _axes(x: AnyArray, axis: AnyArray) -> AnyArray:
+def _axes(x: torch.Tensor, axis: Axis) -> int | tuple[int, ...]:
     return tuple(range(x.ndim)) if axis is None else axis
-
-
-def _mean(x: AnyArray, axis: AnyArray = None, keepdims: bool = False) -> AnyArray:
-    return torch.mean(x, _axes(x, axis), keepdim=keepdims)
 
 
 def _moment(name: str) -> _Function:
     reduce = getattr(torch, name)
 
     def compute(
-        x: AnyArray, axis: AnyArray = None, ddof: int = 0, keepdims: bool = False
-    ) -> AnyArray:
+        x: torch.Tensor, axis: Axis = None, ddof: int = 0, keepdims: bool = False
+    ) -> torch.Tensor:
         return reduce(x, _axes(x, axis), correction=ddof, keepdim=keepdims)
 
     return compute
@@ -126,68 +127,70 @@ def _arg(name: str) -> _Function:
 
 
 def _norm(
-    x: AnyArray, ord: AnyArray = None, axis: AnyArray = None, keepdims: bool = False
-) -> AnyArray:
+    x: torch.Tensor, ord: float | str | None = None, axis: Axis = None, keepdims: bool = False
+) -> torch.Tensor:
     if axis is None and ord is None:
         x, axis = x.reshape(-1), -1
     return torch.linalg.norm(x, ord, axis, keepdims)
 
 
-def _like(value: float | None) -> _Function:
-    def make(x: AnyArray, dtype: AnyArray = None, **kwargs: AnyArray) -> AnyArray:
+def _like(value: float) -> _Function:
+    def make(x: torch.Tensor, dtype: _Type | None = None, **kwargs: object) -> torch.Tensor:
         kind = x.dtype if dtype is None else dtype_of(dtype)
         return torch.full_like(x, value, dtype=kind)
 
     return make
 
 
-def _full_like(x: AnyArray, fill_value: AnyArray, dtype: AnyArray = None) -> AnyArray:
+def _full_like(x: torch.Tensor, fill_value: _Number, dtype: _Type | None = None) -> torch.Tensor:
     filled = torch.empty_like(x, dtype=x.dtype if dtype is None else dtype_of(dtype))
     filled[...] = fill_value
     return filled
 
 
 def _clip(
-    x: AnyArray, a_min: AnyArray = None, a_max: AnyArray = None, **kwargs: AnyArray
-) -> AnyArray:
+    x: torch.Tensor,
+    a_min: _Number | None = None,
+    a_max: _Number | None = None,
+    **kwargs: _Number | None,
+) -> torch.Tensor:
     low, high = kwargs.get("min", a_min), kwargs.get("max", a_max)
     x = x if low is None else torch.maximum(x, _number(low))
     return x if high is None else torch.minimum(x, _number(high))
 
 
-def _where(condition: AnyArray, x: AnyArray, y: AnyArray) -> AnyArray:
+def _where(condition: torch.Tensor | bool, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    # x or y may also be a number.
     if not isinstance(condition, torch.Tensor):
         like = x if isinstance(x, torch.Tensor) else y
         condition = torch.full((), condition, dtype=torch.bool, device=like.device)
     return torch.where(condition, x, y)  # numbers stay numbers: copying them would wait
 
 
-def _number(x: AnyArray) -> AnyArray:
+def _number(x: _Number) -> torch.Tensor:
     """A number as a tensor without axes of the device's number type."""
     return x if isinstance(x, torch.Tensor) else torch.as_tensor(x, dtype=dtype_of(type(x)))
 
 
-def _dot(a: AnyArray, b: AnyArray) -> AnyArray:
-    if not getattr(a, "ndim", 0) or not getattr(b, "ndim", 0):
+def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    if not getattr(a, "ndim", 0) or not getattr(b, "ndim", 0):  # a number, perhaps Python's
         return a * b
     return torch.matmul(a, b) if b.ndim <= 2 else torch.tensordot(a, b, ([-1], [-2]))
 
 
-def _cross(a: AnyArray, b: AnyArray, axis: int = -1) -> AnyArray:
+def _cross(a: torch.Tensor, b: torch.Tensor, axis: int = -1) -> torch.Tensor:
     return torch.linalg.cross(*torch.broadcast_tensors(a, b), dim=axis)
 
 
-def _split(x: AnyArray, sections: AnyArray, axis: int = 0) -> list[AnyArray]:
+def _split(x: torch.Tensor, sections: int | list[int], axis: int = 0) -> list[torch.Tensor]:
     return list(torch.tensor_split(x, sections, dim=axis))
 
 
-def _transpose(x: AnyArray, axes: AnyArray = None) -> AnyArray:
-    if axes and isinstance(axes[0], tuple | list):
-        axes = axes[0]
+def _transpose(x: torch.Tensor, axes: Sequence[int] | None = None) -> torch.Tensor:
     return torch.permute(x, tuple(axes) if axes else tuple(reversed(range(x.ndim))))
 
 
-def _repeat(x: AnyArray, repeats: int, axis: int | None = None) -> AnyArray:
+def _repeat(x: torch.Tensor, repeats: int, axis: int | None = None) -> torch.Tensor:
     return torch.repeat_interleave(x, repeats, dim=axis)
 
 
@@ -217,7 +220,7 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.hstack: torch.hstack,
     np.linalg.norm: _norm,
     np.max: _reduction("amax"),
-    np.mean: _mean,
+    np.mean: _reduction("mean"),
     np.min: _reduction("amin"),
     np.moveaxis: torch.movedim,
     np.nan_to_num: lambda x, nan=0.0: torch.nan_to_num(x, nan),

@@ -22,9 +22,10 @@ _OF_SIZE = (mujoco.mjtSensor.mjSENS_INSIDESITE, mujoco.mjtSensor.mjSENS_TOUCH)
 
 
 def check(names: Sequence[str]) -> None:
-    """Raises ValueError unless rows can differ in these fields with the CPU's numbers.
+    """Raises ValueError unless rows on a device may have their own values of these fields.
 
-    Fields that only pictures and tasks read may differ too: see `shared_elements`.
+    They may if MuJoCo Warp can vary the field, or if no time step reads it; but see
+    `shared_elements`.
     """
     for name in names:
         if name in _in_model() or name in _in_options() or name.endswith(_READ_ONLY_BY_TASKS):
@@ -36,7 +37,7 @@ def check(names: Sequence[str]) -> None:
 
 
 def batched(names: Iterable[str]) -> tuple[str, ...]:
-    """Those of the fields that MuJoCo Warp's model can hold once for each row."""
+    """The fields of which MuJoCo Warp's model can hold one value per row."""
     return tuple(sorted(name for name in names if name in _in_model()))
 
 
@@ -66,16 +67,16 @@ def _in_options() -> frozenset[str]:
 
 
 def _with_rows(struct: type) -> Iterable[str]:
-    """Names of the arrays whose first axis may be that of the rows."""
+    """Names of the arrays that may have a leading axis of rows."""
     for field in dataclasses.fields(struct):
         if getattr(field.type, "shape", ())[:1] == ("*",):
             yield field.name
 
 
 def shared_elements(model: mujoco.MjModel, name: str) -> np.ndarray:
-    """Mask of a field's elements that all rows must share although the field may differ.
+    """Mask of the elements that all rows must share, in a field that may otherwise differ.
 
-    These are the sizes of sites that a sensor measures within.
+    These are the sizes of sites within which a sensor measures.
     """
     shared = np.zeros(np.shape(values(model, name)), bool)
     if name == "site_size":

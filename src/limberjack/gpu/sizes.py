@@ -2,8 +2,8 @@
 
     sizes = measured(environment)       # Sizes(nconmax=40, njmax=144)
 
-The arrays of a device have fixed sizes. Contacts and constraints beyond them are lost, and counted:
-see `limberjack.gpu.batch`.
+Arrays on a device have fixed sizes. Contacts and constraints for which there is no room are lost;
+`Outcome.overflow` marks the rows.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ _EPISODES = 6  # half of them with random actions, half with one extreme action 
 _STEPS = 60  # control steps of each: falling down takes the humanoid 40
 _SEED = 0
 _HEADROOM = 2.0  # of the peak: episodes of a trained policy meet more than random actions do
-_FEW_CONTACTS, _FEW_ROWS = 16, 40  # beyond the headroom, for models that touch little
+_FEW_CONTACTS, _FEW_ROWS = 16, 40  # added to the headroom, for models with few contacts
 _UNIT = 8  # sizes are multiples of it
 
 

@@ -58,7 +58,6 @@ def measure(
     device: object = "cuda:0",
     seconds: float = 3.0,
     on_progress: Callable[[str, float], object] | None = None,
-    **kwargs: object,
 ) -> Speed:
     """Measures how fast a task steps on a device, with random actions.
 
@@ -70,7 +69,6 @@ def measure(
       seconds: approximate time of measuring, without compilation.
       on_progress: called between blocks of steps, with what is being done and the share of all that
         is done.
-      kwargs: of `load_vector`.
 
     Raises:
       ValueError: `seconds` is not positive; or see `load_vector`.
@@ -79,7 +77,7 @@ def measure(
         raise ValueError(f"seconds is {seconds!r}; expected a positive number")
     report = on_progress or (lambda what, share: None)
     report("compiling kernels", 0.0)
-    envs = load_vector(domain, task, num_envs, device=device, seed=0, **kwargs)  # pyright: ignore[reportArgumentType]
+    envs = load_vector(domain, task, num_envs, device=device, seed=0)
     envs.reset()
     players = {"environment": _environment(envs), "bare": _bare(envs)}
     for play in players.values():
@@ -90,17 +88,16 @@ def measure(
         report("measuring", min(spent / seconds, 1.0))
         for name, play in players.items():
             taken[name].append(_timed(play, envs))
-    batch = envs.batch
     speed = _speed(f"{domain}:{task}", envs, taken)
-    size = bytes_per_row(batch.simulation.model, tuple(batch.simulation.own), batch.options.sizes)
     envs.close()
-    return dataclasses.replace(speed, bytes_per_row=size)
+    return speed
 
 
 def _speed(task: str, envs: VectorEnv, taken: Mapping[str, list[float]]) -> Speed:
     whole, bare = (statistics.median(taken[name]) for name in ("environment", "bare"))
     pairs = zip(taken["bare"], taken["environment"], strict=True)
     per_block = envs.num_envs * _BLOCK
+    simulation = envs.batch.simulation
     return Speed(
         task,
         _name_of(envs.device),
@@ -108,7 +105,7 @@ def _speed(task: str, envs: VectorEnv, taken: Mapping[str, list[float]]) -> Spee
         per_block / whole,
         per_block / bare,
         statistics.median(alone / both for alone, both in pairs),
-        0,
+        bytes_per_row(simulation.model, tuple(simulation.own), envs.batch.options.sizes),
         envs.overflows,
     )
 

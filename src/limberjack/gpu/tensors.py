@@ -13,18 +13,17 @@ The law of strict arrays (tests/laws) checks the same restrictions without a dev
 """
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NoReturn
 
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.gpu import functions
 from limberjack.gpu.backend import torch
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["DeviceArray", "constant", "device_array", "plain"]
 
-# AnyArray in this module: whatever NumPy's functions and operators take and return, numbers too.
 _MOST_CONSTANTS = 4096  # cached arrays; a task has a few dozen
 
 _INSTEAD = {
@@ -50,14 +49,14 @@ class DeviceArray(torch.Tensor):
     @classmethod
     def __torch_function__(
         cls,
-        func: Callable[..., AnyArray],
-        types: AnyArray,
-        args: AnyArray = (),
-        kwargs: AnyArray = None,
-    ) -> AnyArray:
+        func: Callable[..., object],
+        types: Iterable[type],
+        args: Sequence[object] = (),
+        kwargs: Mapping[str, object] | None = None,
+    ) -> object:
         kwargs = kwargs or {}
-        if any(isinstance(arg, _FOREIGN) for arg in (*args, *kwargs.values())):
-            like = _first(args)
+        like = _first(args)
+        if like is not None and any(isinstance(a, _FOREIGN) for a in (*args, *kwargs.values())):
             if func in _INDEXING:
                 args = (args[0], _index(args[1], like), *(_value(arg, like) for arg in args[2:]))
             else:
@@ -66,71 +65,73 @@ class DeviceArray(torch.Tensor):
         return super().__torch_function__(func, types, args, kwargs)
 
     def __array_ufunc__(
-        self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: AnyArray
-    ) -> AnyArray:
+        self,
+        ufunc: np.ufunc,
+        method: str,
+        *inputs: object,
+        out: object = None,
+        dtype: npt.DTypeLike | None = None,
+        **kwargs: object,
+    ) -> object:
         name = ufunc.__name__ if method == "__call__" else f"{ufunc.__name__}.{method}"
-        out = kwargs.pop("out", None)
         compute = functions.of_ufunc(ufunc.__name__, method)
-        if compute is None or kwargs.keys() - {"axis", "keepdims", "dtype"}:
+        if compute is None or kwargs.keys() - {"axis", "keepdims"}:
             functions.refuse(f"np.{name}")
         operands = [_operand(each, self) for each in inputs]
-        if kwargs.get("dtype") is not None:
-            kwargs["dtype"] = functions.dtype_of(kwargs["dtype"])
-        else:
-            kwargs.pop("dtype", None)
+        if dtype is not None:
+            kwargs["dtype"] = functions.dtype_of(dtype)
         return _written(compute(*operands, **kwargs), out, f"np.{name}")
 
     def __array_function__(
         self,
-        function: Callable[..., AnyArray],
-        types: AnyArray,
-        args: AnyArray,
-        kwargs: dict[str, AnyArray],
-    ) -> AnyArray:
+        function: Callable[..., object],
+        types: Iterable[type],
+        args: Sequence[object],
+        kwargs: Mapping[str, object],
+    ) -> object:
         name = functions.name_of(function)
         compute = functions.of_function(function)
         if compute is None:
             functions.refuse(name)
-        out = kwargs.pop("out", None)
         if function is np.copyto:
             return _written(_operand(args[1], self), args[0], name)
-        args = tuple(_converted(each, self) for each in args)
-        kwargs = {key: _converted(each, self) for key, each in kwargs.items()}
-        return _written(compute(*args, **kwargs), out, name)
+        given = [_converted(each, self) for each in args]
+        named = {key: _converted(each, self) for key, each in kwargs.items() if key != "out"}
+        return _written(compute(*given, **named), kwargs.get("out"), name)
 
-    def as_index(self, positions: np.ndarray) -> AnyArray:
+    def as_index(self, positions: np.ndarray) -> "DeviceArray":
         """Positions as an index on this array's device; see `limberjack.utils.arrays.index_for`."""
         return constant(np.asarray(positions), self.device)
 
     # Methods of arrays whose names or arguments differ from a tensor's.
 
-    def astype(self, dtype: AnyArray, copy: bool = True) -> AnyArray:
+    def astype(self, dtype: npt.DTypeLike, copy: bool = True) -> torch.Tensor:
         """A copy of another number type; `float` is float32."""
         return self.to(functions.dtype_of(dtype), copy=copy)
 
-    def copy(self) -> AnyArray:
+    def copy(self) -> torch.Tensor:
         """A copy."""
         return self.clone()
 
-    def dot(self, other: AnyArray) -> AnyArray:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def dot(self, other: torch.Tensor) -> torch.Tensor:
         """As `np.dot` for vectors and matrices."""
         return np.dot(self, other)
 
-    def max(self, axis: AnyArray = None, **kwargs: AnyArray) -> AnyArray:
+    def max(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
         """The largest element along an axis, or of all."""
-        return np.max(self, axis, **kwargs)
+        return np.max(self, axis, keepdims=keepdims)
 
-    def min(self, axis: AnyArray = None, **kwargs: AnyArray) -> AnyArray:
+    def min(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
         """The smallest element along an axis, or of all."""
-        return np.min(self, axis, **kwargs)
+        return np.min(self, axis, keepdims=keepdims)
 
-    def transpose(self, *axes: AnyArray) -> AnyArray:
+    def transpose(self, *axes: int | Sequence[int]) -> torch.Tensor:
         """The array with its axes in another order."""
-        return np.transpose(self, axes if axes else None)
+        return np.transpose(self, np.ravel(axes).tolist() or None)
 
     # Operations that would wait for the device.
 
-    def __array__(self, *args: AnyArray, **kwargs: AnyArray) -> NoReturn:
+    def __array__(self, *args: object, **kwargs: object) -> NoReturn:
         _refuse("np.asarray()")
 
     def __float__(self) -> NoReturn:
@@ -159,28 +160,28 @@ class DeviceArray(torch.Tensor):
         """Refuses."""
         _refuse("tolist()")
 
-    def __repr__(self, **kwargs: AnyArray) -> str:
+    def __repr__(self, **kwargs: object) -> str:
         return f"DeviceArray(shape={tuple(self.shape)}, dtype={self.dtype}, device={self.device})"
 
 
-def device_array(tensor: AnyArray) -> AnyArray:
+def device_array(tensor: torch.Tensor) -> DeviceArray:
     """The tensor as a `DeviceArray` that shares its memory."""
     return tensor.as_subclass(DeviceArray)
 
 
-def plain(value: AnyArray) -> AnyArray:
-    """A quantity as a `torch.Tensor`; numbers stay numbers."""
+def plain(value: torch.Tensor) -> torch.Tensor:
+    """A quantity as a `torch.Tensor`; anything but a `DeviceArray` is returned as it is."""
     return value.as_subclass(torch.Tensor) if isinstance(value, DeviceArray) else value
 
 
-def constant(values: np.ndarray, device: AnyArray) -> AnyArray:
+def constant(values: np.ndarray, device: torch.device | str) -> DeviceArray:
     """A NumPy array as a tensor on the device: float32, int64 or bool; copied once."""
     values = np.ascontiguousarray(values)
     return _constant(values.tobytes(), values.dtype.str, values.shape, str(device))
 
 
 @functools.lru_cache(maxsize=_MOST_CONSTANTS)
-def _constant(content: bytes, dtype: str, shape: tuple[int, ...], device: str) -> AnyArray:
+def _constant(content: bytes, dtype: str, shape: tuple[int, ...], device: str) -> DeviceArray:
     values = np.frombuffer(content, dtype).reshape(shape).copy()
     tensor = torch.from_numpy(values)
     return tensor.to(device, functions.dtype_of(values.dtype)).as_subclass(DeviceArray)
@@ -190,8 +191,8 @@ _FOREIGN = (np.ndarray, np.generic, list, tuple)
 _INDEXING = (torch.Tensor.__getitem__, torch.Tensor.__setitem__)
 
 
-def _first(args: Iterable[AnyArray]) -> AnyArray:
-    """The first tensor among arguments, which may be lists; None if there is none."""
+def _first(args: Iterable[object]) -> torch.Tensor | None:
+    """The first tensor among arguments and in lists of them; None if no tensor is found."""
     for arg in args:
         found = _first(arg) if isinstance(arg, list | tuple) else arg
         if isinstance(found, torch.Tensor):
@@ -199,7 +200,7 @@ def _first(args: Iterable[AnyArray]) -> AnyArray:
     return None
 
 
-def _operand(given: AnyArray, like: AnyArray) -> AnyArray:
+def _operand(given: object, like: torch.Tensor) -> torch.Tensor:
     """An operand of a ufunc as a tensor; a number as one without axes, which changes no dtype."""
     if isinstance(given, torch.Tensor):
         return given
@@ -211,7 +212,7 @@ def _operand(given: AnyArray, like: AnyArray) -> AnyArray:
     return torch.as_tensor(number, dtype=functions.dtype_of(type(number)))
 
 
-def _value(given: AnyArray, like: AnyArray) -> AnyArray:
+def _value(given: object, like: torch.Tensor) -> object:
     """An argument of a tensor's operator or method: NumPy's arrays and numbers become torch's."""
     if isinstance(given, np.ndarray) and given.ndim:
         return constant(given, like.device)
@@ -220,14 +221,14 @@ def _value(given: AnyArray, like: AnyArray) -> AnyArray:
     return given
 
 
-def _converted(given: AnyArray, like: AnyArray) -> AnyArray:
+def _converted(given: object, like: torch.Tensor) -> object:
     """An argument of a NumPy function, with arrays converted inside of lists too."""
     if isinstance(given, list | tuple):
         return type(given)(_converted(each, like) for each in given)
     return _value(given, like)
 
 
-def _index(key: AnyArray, like: AnyArray) -> AnyArray:
+def _index(key: object, like: torch.Tensor) -> object:
     """An index with the positions in it on the device."""
     if isinstance(key, tuple):
         return tuple(_index(each, like) for each in key)
@@ -236,7 +237,7 @@ def _index(key: AnyArray, like: AnyArray) -> AnyArray:
     return _value(key, like)
 
 
-def _written(result: AnyArray, out: AnyArray, name: str) -> AnyArray:
+def _written(result: object, out: object, name: str) -> object:
     """The result, written into `out` if given."""
     target = out[0] if isinstance(out, tuple) else out
     if target is None:

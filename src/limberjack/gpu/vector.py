@@ -5,8 +5,8 @@
     observations, rewards, terminated, truncated, info = envs.step(actions)    # (4096, 21) float32
 
 Observations, rewards, masks and the info are tensors on the device, which later steps do not
-change. The info has the keys of `limberjack.gym.VectorEnv`; every entry is present in every step,
-and its mask says for which rows it is valid, since looking whether there are any would wait for the
+change. The info has the keys of `limberjack.gym.VectorEnv`. Every entry is present in every step,
+and its mask says for which rows it is valid: checking whether there are any would wait for the
 device. In same-step mode, `final_obs` therefore has a row for every environment, and `final_info`
 is one mapping. `overflow` marks rows whose contacts or constraints had no room.
 
@@ -27,7 +27,13 @@ from gymnasium.vector.utils import batch_space
 from limberjack import suite
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import device_of, torch
-from limberjack.gpu.batch import DeviceBatch, Options, Outcome, usual_starts_per_step
+from limberjack.gpu.batch import (
+    BatchState,
+    DeviceBatch,
+    Options,
+    Outcome,
+    usual_starts_per_step,
+)
 from limberjack.gpu.sizes import Sizes, measured
 from limberjack.gym import arguments
 from limberjack.gym.observations import Info, Observations, action_space, specs_of_one_row
@@ -38,7 +44,6 @@ from limberjack.rl.control import Environment
 from limberjack.rl.guards import as_rows, at_least_one
 from limberjack.rl.randomize import stream_beside
 from limberjack.rl.snapshot import Snapshot
-from limberjack.utils.arrays import AnyArray
 from limberjack.utils.log import log
 
 __all__ = ["VectorEnv", "load_vector"]
@@ -53,7 +58,7 @@ _Observation = torch.Tensor | dict[str, torch.Tensor]
 _Step = tuple[_Observation, torch.Tensor, torch.Tensor, torch.Tensor, Info]
 
 
-class VectorEnv(gymnasium_vector.VectorEnv):
+class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Tensor]):
     """A batch on a device; see the module's docstring.
 
     `device` is a `torch.device`; `layout` gives the position of each observation in the flat array,
@@ -132,8 +137,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
 
         Args:
           seed: row i begins the first episode of `RandomState(seed + i)`; a sequence has a seed for
-            each row. Where it is None the row takes one of the waiting starts; the first reset
-            begins the first episodes of the seed that the environment was made with.
+            each row. A row with None takes one of the starts that were drawn in advance, or in the
+            first reset begins the first episode of the seed that the environment was made with.
           options: `{"reset_mask": mask}`, (num_envs,) booleans in an array or a tensor, resets some
             rows only. A tensor on the device without seeds does not wait for the device.
 
@@ -155,11 +160,11 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         begun = self._all if mask is None else torch.from_numpy(mask).to(self.device)
         return self._in_form(observation), self._drawn(begun)
 
-    def step(self, actions: torch.Tensor) -> _Step:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def step(self, actions: torch.Tensor) -> _Step:
         """Step every row; return observations, rewards, terminated, truncated and info.
 
         With an `action_repeat` of k each row makes k control steps, or fewer if its episode ends.
-        Rewards and their terms are summed; everything else is that of the last control step.
+        Rewards and their terms are summed; everything else belongs to the last control step.
         A row whose action is not finite diverges: its episode ends. With `autoreset_mode` DISABLED
         a row whose episode has ended reports that again, with reward 0, until it is reset.
 
@@ -203,16 +208,16 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_begun()
         return _snapshot_of(self.batch, as_rows(rows, self.num_envs))
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> BatchState:
         """Everything that the future of the batch depends on, for `torch.save`."""
         self._check_begun()
         return self.batch.state_dict()
 
-    def load_state_dict(self, state: Mapping[str, AnyArray]) -> _Observation:
+    def load_state_dict(self, state: BatchState) -> _Observation:
         """Continue from the result of `state_dict`; return the observations.
 
         Raises:
-          ValueError: it is of another task or number of rows; nothing has changed.
+          ValueError: it belongs to another task or number of rows; nothing was changed.
         """
         self._check_open()
         _check_state(self.batch, state)
@@ -265,7 +270,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         values = _with_masks({name: own[name].clone() for name in randomizer.fields}, begun)
         return {"randomization": values, "_randomization": begun.clone()}
 
-    def _check_actions(self, actions: AnyArray) -> None:
+    def _check_actions(self, actions: torch.Tensor) -> None:
         if not isinstance(actions, torch.Tensor):
             raise TypeError(
                 f"actions are a {type(actions).__name__}; expected a torch.Tensor on {self.device}"
@@ -288,8 +293,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             )
 
     def _mask_on_device(self, options: Mapping[str, object] | None) -> torch.Tensor | None:
-        mask: AnyArray = options.get("reset_mask") if isinstance(options, Mapping) else None
-        if not isinstance(mask, torch.Tensor) or mask.device != self.device:
+        mask = _tensor_mask(options)
+        if mask is None or mask.device != self.device:
             return None
         fits = mask.dtype == torch.bool and tuple(mask.shape) == (self.num_envs,)
         return mask.clone() if fits else None
@@ -304,10 +309,16 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             raise error.ResetNeeded("no episode is running: call reset() first")
 
 
+def _tensor_mask(options: Mapping[str, object] | None) -> torch.Tensor | None:
+    """The mask in the options of a reset if it is a tensor, else None."""
+    mask = options.get("reset_mask") if isinstance(options, Mapping) else None
+    return mask if isinstance(mask, torch.Tensor) else None
+
+
 def _on_cpu(options: Mapping[str, object] | None) -> Mapping[str, object] | None:
-    """The options with the mask as an array of NumPy."""
-    mask: AnyArray = options.get("reset_mask") if isinstance(options, Mapping) else None
-    if not isinstance(mask, torch.Tensor):
+    """The options with the mask as a NumPy array."""
+    mask = _tensor_mask(options)
+    if mask is None:
         return options
     return {**(options or {}), "reset_mask": mask.cpu().numpy()}
 
@@ -345,7 +356,7 @@ def _snapshot_of(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
     )
 
 
-def _check_state(batch: DeviceBatch, state: Mapping[str, AnyArray]) -> None:
+def _check_state(batch: DeviceBatch, state: BatchState) -> None:
     """Raises ValueError unless a batch can continue from the result of its `state_dict`."""
     rows = state.get("rows")
     shape = None if rows is None else tuple(rows.shape)
@@ -455,7 +466,7 @@ def load_vector(
 
 
 def _sizes(environment: Environment, nconmax: int | None, njmax: int | None) -> Sizes:
-    """The sizes that are given, or those that the environment needs."""
+    """The given sizes; for None what the environment needs."""
     needed = measured(environment)
     return Sizes(
         needed.nconmax if nconmax is None else at_least_one("nconmax", nconmax),

@@ -6,13 +6,13 @@
     heights = simulation.data_field("xpos")[0][:, 3, 2]      # (4096,), a `DeviceArray`
 
 It implements `Fields`, the part of a `Simulation` that task code reads, and has the controls. A
-control step is `advance` and then `first_half`. Between them rows may be given another state: the
-first half computes everything that positions and velocities determine, so the start of an episode
-needs no pass of its own.
+control step is `advance` and then `first_half`. Between the two, rows may be set to another state,
+such as the start of an episode: the first half then computes everything that positions and
+velocities determine.
 
 Quantities of forces and accelerations belong to the last time step, as on the CPU. MuJoCo Warp
-clears their sensors in the first half of the next step. Therefore `sensordata` is an array of its
-own, and so is each other such field that a task reads: `late` has them.
+clears their sensors in the first half of the next step. Therefore `late` has a separate array for
+`sensordata` and for every other such field that a task reads.
 
 On CUDA, the kernels of a call are recorded and replayed: see `_Graphs`. Contacts are corrected to
 those of MuJoCo's C engine where MuJoCo Warp 4.0 finds others: see `_as_in_c`.
@@ -31,16 +31,15 @@ import numpy as np
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import mujoco_warp, torch, warp
 from limberjack.gpu.sizes import Sizes
-from limberjack.gpu.tensors import constant, device_array
+from limberjack.gpu.tensors import DeviceArray, constant, device_array
 from limberjack.mujoco.simulation import Field
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["WarpSimulation", "bytes_per_row"]
 
 _SENSORS = "sensordata"
-# Fields that depend on forces and accelerations, which `first_half` does not compute.
+# Fields that depend on forces or accelerations; `first_half` does not compute them.
 _LATE = (
     *("qacc", "qacc_smooth", "act_dot", "actuator_force", "qfrc_actuator", "qfrc_smooth"),
     *("qfrc_constraint", "cacc", "cfrc_int", "cfrc_ext"),
@@ -101,14 +100,14 @@ class WarpSimulation:
             self._data = mujoco_warp.make_data(official, num_envs, sizes.nconmax, njmax=sizes.njmax)
             self.own = {name: self._own_field(official, name) for name in names}
         self._fields: dict[str, torch.Tensor] = {}
-        self.ctrl = device_array(self._live("ctrl"))
+        self.ctrl = device_array(self.live("ctrl"))
         self.late: dict[str, torch.Tensor] = {}
         self.late_columns = _late_columns(official)
         self.data_field(_SENSORS)
         self._runs_whole_steps = official.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self._graphs = _Graphs(self.device, uses_graphs)
         mask = sum(getattr(mujoco_warp.OverflowType, name).value for name in _OVERFLOWS)
-        self._overflow, self._overflow_mask = self._live("overflow"), mask
+        self._overflow, self._overflow_mask = self.live("overflow"), mask
 
     @contextlib.contextmanager
     def scope(self) -> Iterator[None]:
@@ -137,7 +136,7 @@ class WarpSimulation:
         """Completes the step whose first half ran last, and runs whole steps up to `nstep`."""
         self._graphs.run(("advance", nstep), lambda: self._advance(nstep))
         for name, kept in self.late.items():
-            kept.copy_(self._live(name))
+            kept.copy_(self.live(name))
 
     def _advance(self, nstep: int) -> None:
         if self._runs_whole_steps:  # the second half alone would integrate with Euler's method
@@ -155,10 +154,10 @@ class WarpSimulation:
         self._graphs.run(("first_half",), lambda: mujoco_warp.step1(self._model, self._data))
         readings = self.late[_SENSORS]
         late = constant(self.late_columns, self.device)
-        torch.where(late, readings, self._live(_SENSORS), out=readings)
+        torch.where(late, readings, self.live(_SENSORS), out=readings)
 
     def step_bare(self, nstep: int) -> None:
-        """Runs time steps and nothing else, to compare speeds with; quantities are stale after."""
+        """Runs time steps alone, for speed comparisons; quantities are stale afterwards."""
         self._graphs.run(("bare", nstep), lambda: self._step_whole(nstep))
 
     def take_overflow(self) -> torch.Tensor:
@@ -169,12 +168,9 @@ class WarpSimulation:
 
     def live(self, name: str) -> torch.Tensor:
         """A field of the data as MuJoCo Warp has it, (num_envs, ...), a plain tensor."""
-        return self._live(name)
-
-    def _live(self, name: str) -> torch.Tensor:
         if name not in self._fields:
-            array: AnyArray = getattr(self._data, name, None)
-            if not isinstance(array, warp.array):
+            array = getattr(self._data, name, None)
+            if array is None or not isinstance(array, warp.array):
                 raise AttributeError(f"MuJoCo Warp's data has no array {name!r}")
             tensor = warp.to_torch(array)
             if getattr(array.dtype, "_shape_", ()) == (3, 3):  # in MuJoCo they are rows of nine
@@ -196,7 +192,7 @@ class WarpSimulation:
 
     def data_field(self, name: str) -> Field:
         """See `Fields`."""
-        live = self._live(name)
+        live = self.live(name)
         if name != _SENSORS and name not in _LATE:
             return device_array(live), True
         if name not in self.late:
@@ -216,7 +212,7 @@ class WarpSimulation:
         return field, False
 
     @property
-    def own_fields(self) -> dict[str, AnyArray]:
+    def own_fields(self) -> dict[str, DeviceArray]:
         """Model fields that differ by row, for `physics.model.opt`."""
         return {name: device_array(values) for name, values in self.own.items()}
 
@@ -238,7 +234,7 @@ def bytes_per_row(model: MjModel, own_fields: Sequence[str], sizes: Sizes) -> in
     return two - one + own
 
 
-def _arrays(struct: AnyArray) -> Iterator["warp.array"]:
+def _arrays(struct: "mujoco_warp.Data") -> Iterator["warp.array"]:
     for field in dataclasses.fields(struct):
         value = getattr(struct, field.name)
         if isinstance(value, warp.array):
@@ -288,7 +284,7 @@ class _Graphs:
     """
 
     def __init__(self, device: object, uses_graphs: bool) -> None:
-        """Without `uses_graphs` every call runs as it is."""
+        """Without `uses_graphs`, nothing is recorded and every call runs `body`."""
         self._device = str(device)
         self._uses_graphs = uses_graphs
         self._has_run: set[Hashable] = set()

@@ -28,8 +28,8 @@ def allocating(what: str, size: int) -> Iterator[None]:
     """A context in which a lack of memory raises MemoryError.
 
     Args:
-      what: the object that is made, for the message.
-      size: bytes that it takes at least.
+      what: the object to allocate, for the message.
+      size: its minimum size, bytes.
 
     Raises:
       MemoryError: MuJoCo, or an array, could not be allocated.
@@ -66,7 +66,7 @@ def data_of(model: mujoco.MjModel, like: mujoco.MjData | None = None) -> mujoco.
 
 
 def _in_use() -> str:
-    """Part of a message: the memory that this process has; empty where that is unknown."""
+    """Part of a message: the memory that this process uses; empty if unknown."""
     with contextlib.suppress(OSError, MemoryError):
         lines = _IN_USE.read_text(encoding="utf-8").splitlines()
         sizes = [line.split()[1] for line in lines if line.startswith("VmSize:")]

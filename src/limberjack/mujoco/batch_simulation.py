@@ -28,7 +28,7 @@ import ctypes
 import os
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn, TypeVar
+from typing import NoReturn, TypeVar
 
 import mujoco
 import mujoco.batch
@@ -123,8 +123,7 @@ class BatchSimulation(CountsWarnings):
     def _make(self, num_envs: int, own_fields: Sequence[str]) -> None:
         """Makes the official batch in the model's default state."""
         self._is_orphan = False
-        # Any: MuJoCo's batch has its fields as attributes.
-        self._official: Any = mujoco.batch.Batch(
+        self._official = mujoco.batch.Batch(
             self._light, num_envs, self.num_threads, persistent=not self._shares
         )
         self._state: np.ndarray = self._official.state

@@ -15,7 +15,7 @@ import operator
 import threading
 import weakref
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import mujoco
 import numpy as np
@@ -478,8 +478,9 @@ def check_names(given: Iterable[str]) -> None:
             )
 
 
-# Any: arguments of `render`, each with its own type.
-def picture_spec(physics: Drawable, given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
+def picture_spec(
+    physics: Drawable, given: Mapping[str, object]
+) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and dtype of the picture that `render` returns for these arguments; draws nothing.
 
     Args:

@@ -20,6 +20,7 @@ from typing import Any, NoReturn, Self, cast
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.mujoco import camera, fields, index, replicas, wrapper
@@ -49,7 +50,6 @@ from limberjack.mujoco.single_simulation import SingleSimulation, advance
 from limberjack.mujoco.wrapper.sharing import compiled
 from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.rl import control as _control
-from limberjack.rl.contract import Nested
 from limberjack.utils.log import log
 
 __all__ = [
@@ -180,7 +180,11 @@ class Physics(_control.Physics):
     def named(self) -> NamedIndexStructs:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
         source = self._simulation
-        return NamedIndexStructs.of(source, index.Names(source.model.structure))
+        names = index.Names(source.model.structure)
+        return NamedIndexStructs(
+            index.NamedFields("MjModel", source.model_field, names),
+            index.NamedFields("MjData", source.data_field, names),
+        )
 
     # Batches.
 
@@ -244,7 +248,7 @@ class Physics(_control.Physics):
 
     # Stepping.
 
-    def set_control(self, control: Nested) -> None:
+    def set_control(self, control: npt.ArrayLike) -> None:
         """Sets the actuators' control signals, (nu,)."""
         np.copyto(self._simulation.ctrl, control)
 
@@ -512,12 +516,12 @@ class Physics(_control.Physics):
         how = scene_option, render_flag_overrides, scene_callback, quality
         return camera.render(self, *what, *how)
 
-    # Any: each keyword has its own type.
+    # Any: each keyword of `render` has its own type.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
         """A picture of a single simulation as its only row, (1, height, width, ...)."""
         return self.render(**kwargs)[None]
 
-    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:  # as above
+    def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of the picture that `render` returns; see `camera.picture_spec`."""
         return camera.picture_spec(self, kwargs)
 

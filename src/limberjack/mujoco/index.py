@@ -16,13 +16,13 @@ cached. In a batch the index is prefixed with `...`, so `xpos["head", "z"]` has 
 import collections
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any, NamedTuple, NoReturn, Self
+from typing import Any, NamedTuple, NoReturn
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco import fields
-from limberjack.utils.arrays import AnyArray, index_for
+from limberjack.utils.arrays import index_for
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -36,7 +36,7 @@ __all__ = [
 
 Axes = collections.namedtuple("Axes", ["row", "col"], defaults=(None,))
 
-_Resolved = tuple[AnyArray, AnyArray]  # an array, and the index into it that a key stands for
+_Resolved = tuple[np.ndarray, tuple | np.ndarray]  # an array, and a key's index into it
 _MOST_KEYS = 1000  # cached per field; a loop over many numbers must not fill the memory
 _ENDS = (int, type(None))  # types of the parts of a slice that can be cached
 
@@ -177,7 +177,7 @@ class FieldIndexer:
         """Row and column axis, a named tuple."""
         return self._axes
 
-    def __getitem__(self, key: object) -> AnyArray:
+    def __getitem__(self, key: object) -> np.ndarray:
         array, index = self._lookup(key) or self._resolve(key)
         return array[index]
 
@@ -202,7 +202,7 @@ class FieldIndexer:
             )
         axes = (*filter(None, self._axes), *(_UNNAMED,) * len(items))
         index = tuple(axis.convert_key_item(item) for axis, item in zip(axes, items, strict=False))
-        resolved = self._field, self._in_batch(index) if self._batch else index
+        resolved: _Resolved = self._field, self._in_batch(index) if self._batch else index
         frozen = _frozen(key)
         if frozen is not None and len(self._known) < _MOST_KEYS:
             if any(isinstance(item, (list, np.ndarray)) for item in index):
@@ -259,14 +259,14 @@ class FieldIndexer:
 
 
 class _IntegerIndexer(FieldIndexer):
-    """Indexer of an integer field of a model, to which writes are checked or refused.
+    """Indexer of an integer field of a model, whose writes are checked or refused.
 
-    It reads ordinary arrays, as other indexers do; those that are views are read-only.
+    Reading gives ordinary arrays, as with other indexers; views among them are read-only.
     """
 
     __slots__ = ()
 
-    def __getitem__(self, key: object) -> AnyArray:
+    def __getitem__(self, key: object) -> np.ndarray:
         value = super().__getitem__(key)
         return value.view(np.ndarray) if isinstance(value, np.ndarray) else value
 
@@ -277,9 +277,9 @@ class NamedFields:
     def __init__(
         self,
         struct_name: str,
-        read: Callable[[str], tuple[AnyArray, bool]],
+        read: Callable[[str], tuple[np.ndarray, bool]],
         names: Names,
-        indexer: Callable[[str, AnyArray, Axes, bool], FieldIndexer] = FieldIndexer,
+        indexer: Callable[[str, np.ndarray, Axes, bool], FieldIndexer] = FieldIndexer,
     ) -> None:
         """Creates the view.
 
@@ -342,14 +342,6 @@ class NamedIndexStructs(NamedTuple):
     model: NamedFields
     data: NamedFields
 
-    @classmethod
-    def of(cls, source: Any, names: Names) -> Self:
-        """The structs of a `Fields` (Any, because its module imports this one)."""
-        return cls(
-            NamedFields("MjModel", source.model_field, names),
-            NamedFields("MjData", source.data_field, names),
-        )
-
 
 def _refuse(item: object) -> None:
     """Raises IndexError for items that named indexing does not support."""
@@ -365,7 +357,7 @@ def _refuse(item: object) -> None:
 
 
 def _frozen(key: object) -> Hashable:
-    """A hashable form of a key; None if there is none, as for an array.
+    """A hashable form of a key; None for a key without one, such as an array.
 
     The form includes types, because 1, 1.0 and True are different keys, as are `a["x", "y"]` and
     `a[["x", "y"]]`.

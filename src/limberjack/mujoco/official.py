@@ -16,7 +16,6 @@ import os
 import sys
 from collections.abc import Callable
 from types import ModuleType
-from typing import Any
 
 from limberjack.utils.requirements import broken_mujoco
 
@@ -52,12 +51,11 @@ def _import_without_opengl() -> None:
         vars(module)["__getattr__"] = _lazy_getattr(module, selecting)
 
 
-# Any: names of MuJoCo's own package.
-def _lazy_getattr(module: ModuleType, selecting: ModuleType) -> Callable[[str], Any]:
+def _lazy_getattr(module: ModuleType, selecting: ModuleType) -> Callable[[str], object]:
     """A `__getattr__` for `module` that resolves `GLContext`, then falls back to its own."""
     own = vars(module).get("__getattr__")
 
-    def getattr_(name: str) -> Any:  # names of MuJoCo's own package
+    def getattr_(name: str) -> object:
         if name == _CONTEXT or (name == "__all__" and module is selecting):
             _select(selecting)
             if name in vars(module):
@@ -90,4 +88,4 @@ if importlib.util.find_spec("mujoco.batch") is None:
         f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed"
     )
 
-mujoco: Any = sys.modules["mujoco"]  # the package's names are not listed here
+mujoco = sys.modules["mujoco"]

@@ -8,17 +8,16 @@
     modes[0] = 3        # calls check(modes as they would be), which raises or returns None
 
 A view shares the memory of its array, so it always has the current values. Results of arithmetic
-and copies are ordinary arrays. Every view is read-only for NumPy, so that a way of writing that
-this module does not know fails with NumPy's own message instead of passing unchecked.
+and copies are ordinary arrays. For NumPy every view is read-only, so any write that this module
+does not intercept fails with NumPy's own message instead of passing unchecked.
 """
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, Self
+from typing import Any, Self, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
-
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["Checked", "ReadOnly", "ReadOnlyStruct"]
 
@@ -40,62 +39,39 @@ _WRITERS: dict[object, str] = {
 }
 
 
-class _Guarded(np.ndarray):
-    """A view to which everything is written by `_change`; a copy of it is an ordinary array."""
+def _writer(name: str) -> Callable[..., None]:
+    """One of NumPy's methods that write to an array, for `_Guarded`."""
+    method = getattr(np.ndarray, name)
 
-    def _change(self, change: _Change) -> None:
-        """Writes to the viewed array as `change` writes to the array that it is given."""
-        raise NotImplementedError
-
-    def __setitem__(self, key: AnyArray, value: AnyArray) -> None:
-        if self.flags.writeable:  # a copy
-            super().__setitem__(key, value)
-            return
-        self._change(lambda array: array.__setitem__(key, value))
-
-    def _call(self, name: str, *args: object, **kwargs: object) -> None:
-        """Calls one of the methods that write to the array."""
-        method = getattr(np.ndarray, name)
+    @functools.wraps(method)
+    def write(self: "_Guarded", *args: object, **kwargs: object) -> None:
         if self.flags.writeable:  # a copy
             method(self, *args, **kwargs)
-            return
-        self._change(lambda array: method(array, *args, **kwargs))
+        else:
+            self._change(lambda array: method(array, *args, **kwargs))
 
-    def fill(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, *args: object, **kwargs: object
-    ) -> None:
-        """See `np.ndarray.fill`."""
-        self._call("fill", *args, **kwargs)
+    return write
 
-    def put(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, *args: object, **kwargs: object
-    ) -> None:
-        """See `np.ndarray.put`."""
-        self._call("put", *args, **kwargs)
 
-    def sort(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, *args: object, **kwargs: object
-    ) -> None:
-        """See `np.ndarray.sort`."""
-        self._call("sort", *args, **kwargs)
+class _Guarded(np.ndarray):
+    """A view whose writes go through `_change`; a copy of it can be written directly."""
 
-    def partition(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, *args: object, **kwargs: object
-    ) -> None:
-        """See `np.ndarray.partition`."""
-        self._call("partition", *args, **kwargs)
+    def _change(self, change: _Change) -> None:
+        """Applies `change`, which writes to its argument, to the viewed array; or raises."""
+        raise NotImplementedError
 
-    def setfield(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, *args: object, **kwargs: object
-    ) -> None:
-        """See `np.ndarray.setfield`."""
-        self._call("setfield", *args, **kwargs)
+    __setitem__ = _writer("__setitem__")
+    fill = _writer("fill")
+    partition = _writer("partition")
+    put = _writer("put")
+    setfield = _writer("setfield")
+    sort = _writer("sort")
 
     def byteswap(self, inplace: bool = False) -> np.ndarray:
         """See `np.ndarray.byteswap`."""
         if not inplace:
             return np.ndarray.byteswap(self)
-        self._call("byteswap", inplace=True)
+        _writer("byteswap")(self, inplace=True)
         return self
 
     @property
@@ -107,45 +83,50 @@ class _Guarded(np.ndarray):
     def flat(self, value: npt.ArrayLike) -> None:
         self.flat[...] = value
 
-    # Any: of a ufunc, each with its own type.
     def __array_ufunc__(
-        self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: Any
-    ) -> AnyArray:
+        self,
+        ufunc: np.ufunc,
+        method: str,
+        *inputs: object,
+        out: tuple[object, ...] = (None,),
+        **kwargs: object,
+    ) -> object:
         function, plain = getattr(ufunc, method), tuple([_plain(each) for each in inputs])
-        outs = kwargs.pop("out", (None,))
         # The usual case, which occurs in each step of a batch.
-        if outs[0] is None and len(outs) == 1 and method != "at":
+        if out[0] is None and len(out) == 1 and method != "at":
             return function(*plain, **kwargs)
         if method == "at":
-            if not _is_view(inputs[0]):
+            target = inputs[0]
+            if not _is_view(target):
                 return function(*plain, **kwargs)
-            inputs[0]._change(lambda array: function(array, *plain[1:], **kwargs))
+            target._change(lambda array: function(array, *plain[1:], **kwargs))
             return None
-        given: list[object] = [_plain(out) for out in outs]
-        guarded = [i for i, out in enumerate(outs) if _is_view(out)]
+        given = [_plain(each) for each in out]
+        guarded = [(i, each) for i, each in enumerate(out) if _is_view(each)]
         if len(guarded) > 1:
             raise ValueError(_TWO)
         results: list[object] = []
 
         def write(array: np.ndarray | None = None) -> None:
-            for i in guarded:
+            for i, _ in guarded:
                 given[i] = array
             result = function(*plain, out=tuple(given), **kwargs)
-            results.extend(result if len(outs) > 1 else [result])
+            results.extend(result if len(out) > 1 else [result])
 
         if guarded:
-            outs[guarded[0]]._change(write)
+            guarded[0][1]._change(write)
         else:
             write()
-        each = [result if out is None else out for out, result in zip(outs, results, strict=True)]
-        return tuple(each) if len(each) > 1 else each[0]
+        pairs = zip(out, results, strict=True)
+        written = [result if each is None else each for each, result in pairs]
+        return tuple(written) if len(written) > 1 else written[0]
 
     def __array_function__(
         self,
         func: Callable[..., object],
         types: Iterable[type],
-        args: Iterable[Any],  # Any: of any of NumPy's functions
-        kwargs: Mapping[str, Any],  # as above
+        args: Iterable[object],
+        kwargs: Mapping[str, object],
     ) -> object:
         if "out" not in kwargs and func not in _WRITERS:  # the usual case
             return super().__array_function__(func, types, args, kwargs)
@@ -160,7 +141,7 @@ class _Guarded(np.ndarray):
             target._change(lambda array: func(array, *given[1:], **kwargs))
         return None if func in _WRITERS else target
 
-    def __reduce__(self) -> str | tuple[object, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def __reduce__(self) -> str | tuple[object, ...]:
         return self.view(np.ndarray).__reduce__()
 
 
@@ -220,7 +201,7 @@ class Checked(_Guarded):
 
 
 class _Flat:
-    """The elements of a guarded view in order, in place of NumPy's `flatiter`."""
+    """The elements of a guarded view in order; replaces NumPy's `flatiter`."""
 
     def __init__(self, array: _Guarded) -> None:
         self._array = array
@@ -246,11 +227,11 @@ class _Flat:
     ) -> np.ndarray:
         return np.array(self._plain[:], dtype=dtype)
 
-    def __getattr__(self, name: str) -> Any:  # Any: attributes of a `flatiter`
+    def __getattr__(self, name: str) -> object:
         return getattr(self._plain, name)
 
 
-def _is_view(value: object) -> bool:
+def _is_view(value: object) -> TypeGuard[_Guarded]:
     return isinstance(value, _Guarded) and not value.flags.writeable
 
 
@@ -259,7 +240,10 @@ def _plain(value: object) -> object:
 
 
 def _counterpart(part: np.ndarray, whole: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The part of `other` at the place that `part` has in `whole`, which has the same layout."""
+    """The view of `other` with the offset and strides that `part` has in `whole`.
+
+    `whole` and `other` have the same layout.
+    """
     start, first = (each.__array_interface__["data"][0] for each in (whole, part))
     return np.ndarray(part.shape, part.dtype, other.data, first - start, part.strides)
 
@@ -275,8 +259,8 @@ class ReadOnlyStruct:
         Args:
           struct: the struct.
           name: its name, for messages.
-          own: fields that differ per row, (num_envs, ...), which take the place of the struct's and
-            may be writable.
+          own: fields that differ per row, (num_envs, ...), which replace the struct's and may be
+            writable.
         """
         vars(self).update(_struct=struct, _name=name, _own=own or {})
 

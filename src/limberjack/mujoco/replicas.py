@@ -17,21 +17,55 @@ import contextlib
 import functools
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Generic, NoReturn, TypeVar
+from typing import Any, Generic, NoReturn, Protocol, Self, TypeVar
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco.batch_simulation import BatchSimulation, check_callbacks
 from limberjack.mujoco.camera import check_names
-from limberjack.mujoco.simulation import STATE, Call, Rows, read_field
+from limberjack.mujoco.simulation import STATE, Call, Fields, Rows, Simulation, read_field
+from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.rl.contract import PhysicsError
 from limberjack.utils.arrays import any_of
 
 __all__ = ["Replicas"]
 
-# A `Physics`, whose module imports this one.
-_P = TypeVar("_P", bound=Any)
+
+class _Physics(Protocol):
+    """The parts of a `Physics`, whose module imports this one, that replication needs."""
+
+    legacy_step: bool
+
+    @property
+    def model(self) -> MjModel: ...
+
+    # Any: a `wrapper.MjData`, or a `RowsData`.
+    @property
+    def data(self) -> Any: ...
+
+    @property
+    def simulation(self) -> Simulation: ...
+
+    @classmethod
+    def from_model(cls, model: MjModel) -> Self: ...
+
+    def seen_through(self, fields: Fields) -> Self: ...
+
+    def reset(self) -> None: ...
+
+    def render(self) -> np.ndarray: ...
+
+    def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]: ...
+
+    def free(self) -> None: ...
+
+    def _attributes(self) -> dict[str, object]: ...
+
+    def _forget_arrays(self) -> None: ...
+
+
+_P = TypeVar("_P", bound=_Physics)
 
 
 class Replicas(Generic[_P]):
@@ -69,7 +103,7 @@ class Replicas(Generic[_P]):
     @staticmethod
     def _set_up(one: _P, like: _P) -> None:
         """Copies settings from one physics to another, `legacy_step` among them."""
-        one.__dict__.update(like._attributes())
+        vars(one).update(like._attributes())
         one.simulation.sets_constants = like.simulation.sets_constants
 
     @contextlib.contextmanager
@@ -127,7 +161,7 @@ class Replicas(Generic[_P]):
         simulation.ctrl[diverged] = 0.0
         return diverged
 
-    def render_rows(self, rows: Rows, **kwargs: Any) -> np.ndarray:  # each keyword has its own type
+    def render_rows(self, rows: Rows, **kwargs: Any) -> np.ndarray:  # Any: as of `Physics.render`
         """Pictures of rows, (n, height, width, ...).
 
         Args:
@@ -150,8 +184,7 @@ class Replicas(Generic[_P]):
             picture[...] = self.shown(row).render(**kwargs)
         return pictures
 
-    # Any: each keyword has its own type.
-    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+    def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of a row's picture; see `camera.picture_spec`."""
         return self.single.picture_spec(**kwargs)
 

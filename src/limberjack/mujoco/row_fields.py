@@ -61,7 +61,7 @@ class RowFields(Protocol):
         ...
 
     def write(self, name: str, index: _Index, values: npt.ArrayLike) -> None:
-        """Sets elements of a field, which need not be an own one, in every row."""
+        """Sets elements of an array of the model, which need not be an own field, in every row."""
         ...
 
     def without_actuation(self, rows: Rows) -> contextlib.AbstractContextManager[None]:
@@ -145,7 +145,7 @@ class RowModels:
     def write(self, name: str, index: _Index, values: npt.ArrayLike) -> None:
         """See `RowFields`."""
         for model in self._models:
-            read_field(model, name)[index] = values
+            getattr(model, name)[index] = values
         self._set_models()
 
     @contextlib.contextmanager

@@ -18,7 +18,6 @@ from limberjack.mujoco.simulation import Fields
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.data import moving_object
 from limberjack.utils import arrays
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["RowsData", "RowsModel"]
 
@@ -95,8 +94,8 @@ class RowsData:
 
 
 def _velocity(
-    cvel: AnyArray, com: AnyArray, position: AnyArray, frame: AnyArray, local_frame: bool
-) -> AnyArray:
+    cvel: np.ndarray, com: np.ndarray, position: np.ndarray, frame: np.ndarray, local_frame: bool
+) -> np.ndarray:
     """`mj_objectVelocity` by array operations, (..., 2, 3): linear, then angular."""
     angular, linear = cvel[..., :3], cvel[..., 3:]
     linear = linear - np.cross(position - com, angular)

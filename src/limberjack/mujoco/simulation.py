@@ -27,7 +27,6 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.wrapper.core import MjModel
-from limberjack.utils.arrays import AnyArray
 from limberjack.utils.log import log
 
 __all__ = [
@@ -62,7 +61,7 @@ _MOST_STEPS = 100_000  # far more than a control step has
 _STATES = ("state", "sensordata", "before", "call", "count")
 
 Rows = np.ndarray | None
-Field = tuple[AnyArray, bool]  # an array, and whether it has a leading batch axis
+Field = tuple[np.ndarray, bool]  # an array, and whether it has a leading batch axis
 
 
 class Call(enum.IntEnum):
@@ -277,7 +276,7 @@ def described(warnings: np.ndarray) -> str:
     return f"{names} in rows {np.flatnonzero(warnings.any(axis=-1)).tolist()}"
 
 
-def read_field(model: mujoco.MjModel | MjModel, name: str) -> AnyArray:
+def read_field(model: mujoco.MjModel | MjModel, name: str) -> np.ndarray | float:
     """A field of a model, or of its options as 'opt.gravity'."""
     return operator.attrgetter(name)(model)
 

@@ -259,7 +259,10 @@ class SingleSimulation(CountsWarnings):
 def advance(
     model: mujoco.MjModel, data: mujoco.MjData, ends: int, wholes: int, begins: int
 ) -> None:
-    """Calls only MuJoCo, which takes no lock: threads run it at once, on different data."""
+    """Makes second halves, whole time steps and first halves, of the numbers given.
+
+    It calls only MuJoCo, which releases the GIL: threads with different data run in parallel.
+    """
     if ends:
         mujoco.mj_step2(model, data)
     if wholes:

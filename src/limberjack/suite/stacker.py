@@ -131,7 +131,8 @@ class Stack(_planar_arm.ArmTask):
         """The number of boxes that belong below the target: 'level_0', 'level_1', ..."""
         model = physics.named.model
         half_size = model.geom_size["target", "x"]
-        return f"level_{round((model.body_pos['target', 'z'] / half_size - 1) / 2)}"
+        level = (model.body_pos["target", "z"] / half_size - 1) / 2
+        return f"level_{round(float(level))}"
 
     def observe_scene(self, physics: Physics) -> collections.OrderedDict:
         """Poses and velocities of the boxes, and the target's position."""

@@ -13,12 +13,11 @@ import contextlib
 import contextvars
 import functools
 from collections.abc import Iterable
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 
 __all__ = [
-    "AnyArray",
     "Quantity",
     "any_of",
     "concat",
@@ -34,8 +33,6 @@ __all__ = [
 
 # A scalar per simulation, () or (N,), or a vector per simulation, (k,) or (N, k).
 Quantity = float | np.ndarray
-
-AnyArray = Any  # a NumPy array, or another library's array that implements NumPy's protocols
 
 _batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
 
@@ -74,7 +71,7 @@ def any_of(mask: np.ndarray) -> bool:
     return bool(np.count_nonzero(mask))
 
 
-def index_for(array: AnyArray, positions: np.ndarray) -> AnyArray:
+def index_for(array: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """The positions in the form that indexes `array` fastest.
 
     This is `positions` itself for NumPy; an array class of another library may define `as_index`,

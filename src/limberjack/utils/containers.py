@@ -13,7 +13,7 @@ A mapping from names to factories, in the order in which they were added.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from limberjack.utils.suggest import did_you_mean
 
@@ -24,8 +24,7 @@ _NAME_ALREADY_EXISTS = (
     "allow_overriding_keys=True to replace it"
 )
 
-# Arguments and return type are the domain's own.
-_Factory = Callable[..., Any]
+_Factory = Callable[..., object]
 _F = TypeVar("_F", bound=_Factory)
 
 

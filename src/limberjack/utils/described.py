@@ -1,9 +1,9 @@
-"""Errors of a user's code on one line: notes, kind, text, and the place where they were raised.
+"""Errors of a user's code on one line: notes, kind, text, and the line of code that raised them.
 
     described(error)    # "policy 'my:act', step 3: KeyError: 'x' (my.py, line 7, in act)"
 
-The place is in the user's own code if the traceback passes through it, and not in the library that
-it called.
+If the traceback passes through the user's own code, the innermost line there is named, and not one
+in a library that it called.
 """
 
 import os
@@ -35,7 +35,10 @@ def is_of_user(error: BaseException) -> bool:
 
 
 def place_of(error: BaseException) -> str | None:
-    """The innermost place in the user's code, or else in an installed library; None elsewhere."""
+    """File, line and function of the innermost frame in the user's code.
+
+    Without one, of that in an installed library; None if there is none either.
+    """
     frames = traceback.extract_tb(error.__traceback__)
     libraries = [frame for frame in frames if any(_is_in(frame.filename, f) for f in _LIBRARIES)]
     chosen = [frame for frame in frames if _is_of_user(frame)] or libraries

@@ -5,7 +5,7 @@
 
 Every file of the package is written here, under a new name: `Partial` creates it exclusively, under
 a name with random letters, so that nobody can plant a file or a link there and threads and
-processes never share one. Its permissions are those that a plain `open` gives. `appending` opens a
+processes never share one. It has the permissions that a plain `open` gives. `appending` opens a
 file that only grows.
 
 `replacing` protects against failures, interrupts and power loss: a file is put in place only after
@@ -113,9 +113,9 @@ class Partial:
         _open.add(self._number)
 
     def finish(self) -> None:
-        """Flushes the content to disk and moves the file into place.
+        """Flushes the content to disk and moves the file to its final path.
 
-        A file that is replaced passes its permissions on, as it would keep them if it were opened.
+        It gets the permissions of the file that it replaces, if any.
 
         Raises:
           OSError: that failed, or another process has put another file under the hidden name.
@@ -157,8 +157,8 @@ class Partial:
 def replacing(path: Path, suffix: str | None = None, folder: Path | None = None) -> Iterator[Path]:
     """A new, empty file to write to, as for `Partial`; on a clean exit it replaces `path`.
 
-    If the body raises, that file is removed and `path` is unchanged. An OSError without a file
-    name, as for a full disk, is given that of `path`.
+    If the body raises, the new file is removed and `path` is unchanged. An OSError without a file
+    name, as for a full disk, gets the name of `path`.
     """
     partial = None
     try:
@@ -174,7 +174,7 @@ def replacing(path: Path, suffix: str | None = None, folder: Path | None = None)
 
 
 def appending(path: Path) -> BinaryIO:
-    """A file that only grows, unbuffered, at its end; created if there is none.
+    """A file open for unbuffered writing at its end; created if it does not exist.
 
     Raises:
       OSError: it cannot be written, or is a link or anything else but a regular file.
@@ -213,8 +213,8 @@ class Hold:
         """Locks an existing folder, or a file, which need not exist.
 
         Raises:
-          ValueError: another process, or this one, already holds the lock, or something that is no
-            lock file has the lock file's name.
+          ValueError: another process, or this one, already holds the lock; or something other than
+            a lock file has the lock file's name.
           OSError: the file's folder is not writable.
         """
         self._number: int | None = None
@@ -302,7 +302,7 @@ def check_regular(path: Path) -> None:
     """Checks the file at `path` without opening it.
 
     Raises:
-      OSError: there is none, or it is a folder.
+      OSError: it does not exist, or it is a folder.
       ValueError: it is a pipe, a device or a socket.
     """
     _check_kind(path, os.stat(path).st_mode)

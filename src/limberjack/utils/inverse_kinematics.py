@@ -4,15 +4,15 @@
     if result.success:
         physics.data.qpos[:] = result.qpos
 
-Gauss-Newton steps on the pose error, damped while it is large, from the current joint positions on.
-Limits of joints and contacts are not considered. Names, arguments, results and kinds of errors are
-dm_control's. This module needs `limberjack.mujoco`, unlike the others of `limberjack.utils`.
+The search makes Gauss-Newton steps on the pose error, damped while it is large, and begins at the
+current joint positions. Limits of joints and contacts are not considered. Names, arguments, results
+and kinds of errors are dm_control's. Unlike the rest of `limberjack.utils`, this module needs
+`limberjack.mujoco`.
 """
 
 import collections
 import operator
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -142,8 +142,7 @@ def _check(
             ) from None
 
 
-# The index is what NumPy indexes with: Any.
-def _degrees_of_freedom(physics: Physics, joint_names: object) -> Any:
+def _degrees_of_freedom(physics: Physics, joint_names: object) -> slice | np.ndarray:
     """Index of the degrees of freedom of the named joints, each of which may have several."""
     if joint_names is None:
         return slice(None)
@@ -156,7 +155,7 @@ def _degrees_of_freedom(physics: Physics, joint_names: object) -> Any:
 
 
 class _Search:
-    """A simulation under way to a target; `difference` is the pose error that `error` computed."""
+    """A search in progress; `difference` is the pose error that `error` computed last."""
 
     def __init__(
         self,
@@ -201,8 +200,8 @@ class _Search:
         mujoco.mj_jacSite(self._model, self._data, jac_pos, jac_rot, self._site)
         return self._jacobian
 
-    def move(self, dofs: Any, update: np.ndarray) -> None:  # Any: as from _degrees_of_freedom
-        """Moves joints by a displacement of the given degrees of freedom."""
+    def move(self, dofs: slice | np.ndarray, update: np.ndarray) -> None:
+        """Moves joints by a displacement of the degrees of freedom `dofs`."""
         displacement = np.zeros(self._model.nv)
         displacement[dofs] = update
         pass_exit_guard()

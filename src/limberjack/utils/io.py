@@ -15,8 +15,9 @@ from limberjack.utils.files import check_regular
 __all__ = ["GetResource", "GetResourceAsFile", "GetResourceFilename", "WalkResources"]
 
 
-# Bytes or text, depending on the mode.
-def GetResource(name: str | os.PathLike[str], mode: str = "rb") -> Any:  # noqa: N802
+def GetResource(  # noqa: N802
+    name: str | os.PathLike[str], mode: str = "rb"
+) -> str | bytes:
     """The whole content of a file: bytes, or text if `mode` is 'r'."""
     with GetResourceAsFile(name, mode) as file:
         return file.read()
@@ -27,7 +28,7 @@ def GetResourceFilename(name: str, mode: str = "rb") -> str:  # noqa: N802
     return name
 
 
-# Keyword arguments of `open`.
+# Any: keyword arguments of `open`, and its result, whose type depends on the mode.
 def GetResourceAsFile(  # noqa: N802
     name: str | os.PathLike[str], mode: str = "r", **options: Any
 ) -> IO[Any]:

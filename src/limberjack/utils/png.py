@@ -1,4 +1,4 @@
-"""`encode`: a picture as the bytes of a PNG file, using only zlib; `is_encoded` knows them again.
+"""`encode`: a picture as the bytes of a PNG file, using only zlib; `is_encoded` recognises them.
 
     Path("frame.png").write_bytes(png.encode(physics.render()))
 
@@ -13,7 +13,7 @@ import numpy as np
 
 __all__ = ["BEGINNING", "encode", "is_encoded"]
 
-BEGINNING = 41  # bytes from which `is_encoded` knows a file
+BEGINNING = 41  # first bytes of a file that `is_encoded` needs
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _RGB_OF_8_BITS = bytes([8, 2, 0, 0, 0])  # depth, colour type, then the only defined values

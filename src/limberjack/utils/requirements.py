@@ -96,7 +96,7 @@ def broken_mujoco(why: object) -> ImportError:
 
 
 def is_of_mujoco(error: BaseException) -> bool:
-    """Whether an error is that of importing a MuJoCo that is damaged, too old or not there."""
+    """Whether an error comes from importing a MuJoCo that is damaged, too old or missing."""
     if not isinstance(error, ImportError):
         return False
     if (error.name or "").partition(".")[0] == "mujoco" or MUJOCO_REMEDY in str(error):

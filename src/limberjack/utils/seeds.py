@@ -7,6 +7,7 @@ seeds = checked_seeds(range(100))     # of episodes, which increase
 import itertools
 import operator
 from collections.abc import Iterable
+from typing import SupportsIndex
 
 __all__ = ["SEEDS", "checked_seed", "checked_seeds"]
 
@@ -21,9 +22,9 @@ def checked_seed(seed: object) -> int:
       ValueError: the seed is not between 0 and 2**32 - 1.
     """
     try:
-        if isinstance(seed, bool):
+        if isinstance(seed, bool) or not isinstance(seed, SupportsIndex):
             raise TypeError
-        number = operator.index(seed)  # pyright: ignore[reportArgumentType] (TypeError says so)
+        number = operator.index(seed)
     except TypeError:
         raise TypeError(f"seed is {seed!r}; expected a whole number") from None
     if not 0 <= number < SEEDS:

@@ -105,12 +105,14 @@ def defined_in(target: object) -> type:
     """The function or class that `target` is, is a partial of, or is an instance of."""
     while isinstance(target, functools.partial):
         target = target.func
+    if not hasattr(target, "__qualname__"):
+        return type(target)
     # Typed as a class: a function has the same `__module__`, `__qualname__` and source.
-    return target if hasattr(target, "__qualname__") else type(target)  # pyright: ignore[reportReturnType]
+    return target  # pyright: ignore[reportReturnType]
 
 
 def imported(name: str) -> object:
-    """The object of an imported module that MODULE:NAME names; None if there is none."""
+    """The object of an imported module that MODULE:NAME names; None if it does not exist."""
     module, _, path = name.partition(":")
     target: object = sys.modules.get(module)
     for part in path.split("."):
@@ -120,7 +122,7 @@ def imported(name: str) -> object:
 
 def _files_in(folder: Path) -> Iterator[Path]:
     """The Python files of a folder and those below it."""
-    # Without folders, and without links to nothing, with which editors lock a file.
+    # Not folders, nor the dangling links with which some editors lock a file.
     return (path for path in folder.rglob("*.py") if path.is_file())
 
 

@@ -46,7 +46,7 @@ __all__ = [
 _TOLERANCE = 1e-10  # rounding that is forgiven, and the smallest rotation and squared norm
 _POLE = 1.0 - 1e-6  # sine of the middle Euler angle from which the other two are not separated
 
-# Component and sign at each place of the matrix L with p q = L q, for the quaternion product.
+# Component and sign of each element of the matrix L with p q = L q, for the quaternion product.
 _LEFT_COMPONENT = np.bitwise_xor.outer(np.arange(4), np.arange(4))
 _LEFT_SIGN = np.array([[1, -1, -1, -1], [1, 1, -1, 1], [1, 1, 1, -1], [1, -1, 1, 1]])
 
@@ -92,7 +92,7 @@ def euler_to_rmat(euler_vec: ArrayLike, ordering: str = "ZXZ", full: bool = Fals
     first, second, third, *_ = turns
     if first.ndim == 2:
         return first.dot(second).dot(third)
-    # Not `matmul`, which may round another way than dm_control's einsum.
+    # Not `matmul`, which may round differently from dm_control's einsum.
     product = np.einsum("nij,njk->nik", first, second)
     return np.einsum("nij,njk->nik", product, third).squeeze()
 
@@ -131,7 +131,7 @@ def rotation_z_axis(theta: ArrayLike, full: bool = False) -> np.ndarray:
 
 
 def _about_axis(axis: int, theta: ArrayLike, full: bool) -> np.ndarray:
-    count = 1 if np.isscalar(theta) else len(theta)  # pyright: ignore[reportArgumentType]
+    count = 1 if np.isscalar(theta) else len(np.asarray(theta))
     if np.ndim(theta) > 1 and np.shape(theta) != (1, 1):
         raise ValueError(f"angles have shape {np.shape(theta)}; expected one angle or (N,)")
     cosine, sine = np.cos(theta), np.sin(theta)
@@ -316,7 +316,7 @@ def quat_rotate(quat: np.ndarray, vec: ArrayLike) -> np.ndarray:
     A quaternion that is not of unit norm scales the vector by its square. As in dm_control, the
     result is meaningless for several quaternions: rotate by one after the other.
     """
-    pure = np.hstack([[0], vec])  # pyright: ignore[reportArgumentType, reportCallIssue]
+    pure = np.hstack([np.zeros(1, int), np.asarray(vec)])
     return quat_mul(quat_mul(quat, pure), quat_conj(quat))[1:]
 
 

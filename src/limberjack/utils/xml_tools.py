@@ -4,25 +4,22 @@
     target = find_element(root, "body", "target")
     remove_element(root, target)
 
-lxml elements are accepted too.
+Elements of lxml are accepted too, and then returned: its classes have the same methods.
 """
 
 import copy
 import os
 import sys
-from typing import IO, Any, TypeVar
+from typing import IO
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["find_element", "nested_element", "parse", "remove_element"]
 
-# An Element or ElementTree of xml.etree or lxml, which have no common base class.
-_Node = Any
-_Element = TypeVar("_Element")
 
-
-def find_element(root: _Node, tag: str, name: str) -> _Node:
+def find_element(root: "Element | ElementTree.ElementTree", tag: str, name: str) -> Element:
     """The first descendant of `root` with this tag and `name` attribute.
 
     Raises:
@@ -40,7 +37,7 @@ def find_element(root: _Node, tag: str, name: str) -> _Node:
     )
 
 
-def remove_element(root: _Node, element: _Node) -> None:
+def remove_element(root: "Element | ElementTree.ElementTree", element: Element) -> None:
     """Removes `element` and its descendants from the tree of `root`.
 
     Raises:
@@ -54,18 +51,20 @@ def remove_element(root: _Node, element: _Node) -> None:
     raise ValueError(f"the element {element.tag!r} is not below the root {_top(root).tag!r}")
 
 
-def nested_element(element: _Element, depth: int) -> _Element:
+def nested_element(element: Element, depth: int) -> Element:
     """`element`, with a copy of itself appended as its last child, nested `depth` copies deep."""
     single = copy.deepcopy(element)
-    parent: _Node = element
+    parent = element
     for _ in range(depth):
-        child: _Node = copy.deepcopy(single)
+        child = copy.deepcopy(single)
         parent.append(child)
         parent = child
     return element
 
 
-def parse(file_obj: IO[str] | IO[bytes] | str | os.PathLike[str]) -> _Node:
+def parse(
+    file_obj: IO[str] | IO[bytes] | str | os.PathLike[str],
+) -> "ElementTree.ElementTree[Element]":
     """The tree of an XML file, without the whitespace between its elements.
 
     A pretty printer can then indent it. The result is an `xml.etree.ElementTree.ElementTree`
@@ -90,6 +89,6 @@ def parse(file_obj: IO[str] | IO[bytes] | str | os.PathLike[str]) -> _Node:
     return tree
 
 
-def _top(root: _Node) -> _Node:
+def _top(root: "Element | ElementTree.ElementTree") -> Element:
     """The root element of a tree, or the element itself."""
-    return root.getroot() if hasattr(root, "getroot") else root
+    return next(root.iter("*"))  # xml.etree and lxml have no class in common to distinguish them by

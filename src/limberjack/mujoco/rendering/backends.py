@@ -5,7 +5,7 @@
     backend.make_current(context)
     backend.destroy(context)
 
-All calls must come from one thread, that of `thread.py`. EGL (see `egl.py`) and OSMesa are called
+All calls must come from the thread of `thread.py`. EGL (see `egl.py`) and OSMesa are called
 directly instead of through PyOpenGL, which supports only one of them per process, selected by an
 environment variable. A backend counts as open only after it has created a working context, because
 MuJoCo looks up OpenGL's functions once per process and caches a failure.
@@ -40,12 +40,8 @@ _NOT_AFTER_FORK = (
 )
 
 
-# Opaque and specific to the backend, such as a number or a library's object.
-_Context = Any
-
-
 class Backend(Protocol):
-    """A source of OpenGL contexts. Contexts are opaque values returned by `create`."""
+    """A source of OpenGL contexts, which are opaque: numbers, or objects of a library."""
 
     name: str  # the value of MUJOCO_GL that selects it
     # The driver's strings for the renderer, such as "llvmpipe (LLVM 15.0.6, 256 bits)", and for its
@@ -53,15 +49,15 @@ class Backend(Protocol):
     renderer: str
     vendor: str
 
-    def create(self) -> _Context:
+    def create(self) -> object:
         """A new context, not current."""
         ...
 
-    def make_current(self, context: _Context) -> None:
+    def make_current(self, context: object) -> None:
         """Makes the context current in this thread; None releases the current one."""
         ...
 
-    def destroy(self, context: _Context) -> None:
+    def destroy(self, context: object) -> None:
         """Frees the context, which must not be current."""
         ...
 
@@ -91,7 +87,7 @@ def open_backend(
     chosen = _choice(os.environ.get(_VARIABLE, "").lower().strip(), device)
     if inherited is not None or (is_forked and "egl" in chosen and _is_mesa_loaded()):
         try:
-            return _open_afresh(inherited)
+            return _reopened(inherited)
         except UnavailableError:
             if inherited is not None:
                 raise RenderingError(_NOT_AFTER_FORK.format(inherited.renderer)) from None
@@ -108,7 +104,7 @@ def open_backend(
     raise error
 
 
-def _open_afresh(inherited: Backend | None) -> Backend:
+def _reopened(inherited: Backend | None) -> Backend:
     """Mesa's software renderer, through an entry point that the parent process did not use."""
     if inherited is not None:
         is_software = any(name in inherited.renderer for name in _SOFTWARE_RENDERERS)
@@ -196,12 +192,12 @@ class _OsMesa:
         bits = (self._DEPTH_BITS, self._STENCIL_BITS, 0)
         return self._mesa.OSMesaCreateContextExt(self._RGBA, *bits, None)
 
-    def make_current(self, context: int | None) -> None:
+    def make_current(self, context: object) -> None:
         buffer, side = (self._buffer, self._SIDE) if context else (None, 0)
         if not self._mesa.OSMesaMakeCurrent(context, buffer, self._FLOAT, side, side) and context:
             raise RenderingError("OSMesa could not make its context current")
 
-    def destroy(self, context: int | None) -> None:
+    def destroy(self, context: object) -> None:
         self._mesa.OSMesaDestroyContext(context)
 
 
@@ -216,7 +212,7 @@ class _Glfw:
         if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
             fail("there is no display: DISPLAY and WAYLAND_DISPLAY are not set")
         try:
-            self._glfw: Any = importlib.import_module("glfw")  # without types
+            self._glfw: Any = importlib.import_module("glfw")  # Any: it has no types
         except ImportError as error:
             fail(str(error))
         reporting, self._glfw.ERROR_REPORTING = self._glfw.ERROR_REPORTING, "raise"
@@ -231,14 +227,14 @@ class _Glfw:
         if sys.platform == "linux":
             native.load("libGL.so.1", is_visible=True)
 
-    def create(self) -> _Context:
+    def create(self) -> object:
         self._glfw.window_hint(self._glfw.VISIBLE, False)
         return self._glfw.create_window(1, 1, "limberjack", None, None)
 
-    def make_current(self, context: _Context) -> None:
+    def make_current(self, context: object) -> None:
         self._glfw.make_context_current(context)
 
-    def destroy(self, context: _Context) -> None:
+    def destroy(self, context: object) -> None:
         self._glfw.destroy_window(context)
 
 
@@ -249,20 +245,21 @@ class _Cgl:
 
     def __init__(self) -> None:
         try:
-            self._cgl: Any = importlib.import_module("mujoco.cgl")  # without types
+            self._cgl = importlib.import_module("mujoco.cgl")
             self.destroy(self.create())
         except (ImportError, AttributeError, OSError, RuntimeError) as error:
             fail(str(error))
         self.renderer = self.vendor = ""
 
-    def create(self) -> _Context:
+    def create(self) -> object:
         return self._cgl.GLContext(1, 1)
 
-    def make_current(self, context: _Context) -> None:
+    # Any: a GLContext of MuJoCo's.
+    def make_current(self, context: Any) -> None:
         if context is not None:
             context.make_current()
 
-    def destroy(self, context: _Context) -> None:
+    def destroy(self, context: Any) -> None:  # Any: as above
         context.free()
 
 

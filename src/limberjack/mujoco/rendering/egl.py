@@ -10,8 +10,7 @@ The library is called directly instead of through PyOpenGL; see `backends.py`.
 
 import ctypes
 import os
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 from limberjack.mujoco.rendering import native
 from limberjack.mujoco.rendering.native import RenderingError, fail
@@ -151,8 +150,7 @@ class Egl:
         self.destroy(context)
         return True
 
-    # Any: its types are given by the signature.
-    def _extension(self, name: str, signature: str) -> Callable[..., Any]:
+    def _extension(self, name: str, signature: str) -> "ctypes._CFunctionType":
         """An extension function, which the library does not export by name."""
         address = self._egl.eglGetProcAddress(name.encode()) or fail(f"EGL has no {name}")
         return native.function_at(address, signature)
@@ -162,11 +160,11 @@ class Egl:
         self._egl.eglBindAPI(self._OPENGL_API)
         return self._egl.eglCreateContext(self._display, self._config, None, None)
 
-    def make_current(self, context: int | None) -> None:
+    def make_current(self, context: object) -> None:
         """Makes the context current in this thread; None releases the current one."""
         if not self._egl.eglMakeCurrent(self._display, None, None, context):
             raise RenderingError("EGL could not make its context current")
 
-    def destroy(self, context: int | None) -> None:
+    def destroy(self, context: object) -> None:
         """Frees the context, which must not be current."""
         self._egl.eglDestroyContext(self._display, context)

@@ -10,7 +10,7 @@ p(ointer), s(tring).
 
 import ctypes
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import NoReturn
 
 __all__ = [
     "RenderingError",
@@ -24,6 +24,7 @@ __all__ = [
 ]
 
 _GL_VENDOR, _GL_RENDERER = 0x1F00, 0x1F01
+_CType = type[ctypes.c_int32 | ctypes.c_uint32 | ctypes.c_void_p | ctypes.c_char_p]
 
 
 class RenderingError(RuntimeError):
@@ -62,8 +63,8 @@ def declare(function: "ctypes._NamedFuncPointer", signature: str) -> None:
     function.restype, *function.argtypes = _types(signature)
 
 
-def function_at(address: int, signature: str) -> Callable[..., Any]:
-    """The function at an address. Any: its types are given by the signature."""
+def function_at(address: int, signature: str) -> "ctypes._CFunctionType":
+    """The function at an address."""
     return ctypes.CFUNCTYPE(*_types(signature))(address)
 
 
@@ -80,9 +81,9 @@ def names_of_driver(get_string: Callable[[int], bytes | None]) -> tuple[str, str
     return renderer, vendor
 
 
-def _types(signature: str) -> list[type["ctypes._SimpleCData[Any]"]]:
+def _types(signature: str) -> list[_CType]:
     """The C types of the letters of a signature."""
-    letters = {
+    letters: dict[str, _CType] = {
         "i": ctypes.c_int32,
         "u": ctypes.c_uint32,
         "p": ctypes.c_void_p,

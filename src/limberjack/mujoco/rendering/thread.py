@@ -16,7 +16,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar, cast
+from typing import Generic, TypeVar
 
 import mujoco
 
@@ -40,7 +40,7 @@ class _Job(Generic[_T]):
 
     def __init__(self, function: Callable[..., _T], *args: object) -> None:
         self._call: tuple[Callable[..., _T], tuple[object, ...]] | None = (function, args)
-        self._value: _T | None = None
+        self._values: list[_T] = []  # empty, or the result
         self._error: BaseException | None = None
         self._is_done = False
         # Acquired once, either to run the job or to cancel it.
@@ -55,7 +55,7 @@ class _Job(Generic[_T]):
         assert self._call is not None
         function, args = self._call
         try:
-            self._value = function(*args)
+            self._values.append(function(*args))
         except BaseException as error:
             self._error = error
         finally:
@@ -84,9 +84,9 @@ class _Job(Generic[_T]):
         try:
             if error is not None:
                 raise error
-            return cast(_T, self._value)
+            return self._values.pop()
         finally:
-            self._value = error = None  # otherwise the traceback would keep itself alive
+            error = None  # otherwise the traceback would keep itself alive
 
 
 class _RenderingThread(threading.Thread):
@@ -95,27 +95,26 @@ class _RenderingThread(threading.Thread):
     def __init__(self, canvases: Canvases) -> None:
         # A daemon, because Python joins all other threads before it runs exit handlers.
         super().__init__(name="limberjack-rendering", daemon=True)
-        # Any: jobs have results of several types.
-        self.jobs: queue.SimpleQueue[_Job[Any] | None] = queue.SimpleQueue()
+        self.jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self.busy = threading.RLock()
         self.canvases = canvases
 
     def run(self) -> None:
         while (job := self.jobs.get()) is not None:
             with self.busy:
-                job.run()
+                job()
             del job  # otherwise the last picture would stay alive during the wait
 
-    def do(self, job: _Job[Any]) -> None:  # the result's type is the caller's
+    def do(self, job: Callable[[], None]) -> None:
         """Queues the job; runs it immediately if called on this thread."""
         if threading.current_thread() is self:
-            job.run()
+            job()
         else:
             self.jobs.put(job)
 
     def do_call(self, function: Callable[..., object], *args: object) -> None:
         """Queues a call without waiting for it; safe in destructors."""
-        self.do(_Job(function, *args))
+        self.do(_Job(function, *args).run)
 
 
 class _Process:
@@ -151,7 +150,7 @@ class _Process:
         what = model, size, may_have_changed, when_gone, function, args
         job: _Job[_T] = _Job(thread.canvases.draw, *what)
         try:
-            thread.do(job)
+            thread.do(job.run)
             if not job.wait(_FORK_PATIENCE if may_hang else -1):
                 self._hung = thread
                 raise RenderingError(_HUNG)

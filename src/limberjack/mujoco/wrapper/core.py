@@ -3,7 +3,6 @@
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import mujoco
 
@@ -16,6 +15,8 @@ from limberjack.mujoco.wrapper.model import (
 from limberjack.mujoco.wrapper.visual import MjvCamera, MjvFigure, MjvOption, MjvPerturb, MjvScene
 
 mjlib = mujoco  # dm_control's name for it
+
+_Callback = Callable[..., object] | int | None  # an int is a function's address
 
 __all__ = [
     "Error",
@@ -35,14 +36,13 @@ __all__ = [
 ]
 
 
-def set_callback(name: str, new_callback: Any = None) -> None:  # a function, or an address
+def set_callback(name: str, new_callback: _Callback = None) -> None:
     """Installs a MuJoCo callback: a callable or a ctypes function; None removes it."""
     getattr(mujoco, f"set_{name}")(new_callback)
 
 
-# Any: a function, or an address.
 @contextlib.contextmanager
-def callback_context(name: str, new_callback: Any = None) -> Iterator[None]:
+def callback_context(name: str, new_callback: _Callback = None) -> Iterator[None]:
     """Installs a MuJoCo callback within the context."""
     before = getattr(mujoco, f"get_{name}")()
     set_callback(name, new_callback)
@@ -54,8 +54,7 @@ def callback_context(name: str, new_callback: Any = None) -> Iterator[None]:
 
 def enable_timer(enabled: bool = True) -> None:
     """Enables or disables MuJoCo's stage timers, based on the wall clock."""
-    timer: Callable[[], float] | None = time.time if enabled else None
-    set_callback("mjcb_time", timer)
+    set_callback("mjcb_time", time.time if enabled else None)
 
 
 def get_schema() -> str:

@@ -8,6 +8,7 @@ Fields are looked up dynamically; none are listed here.
 """
 
 import operator
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -56,8 +57,7 @@ def moving_object(model: MjModel, object_id: int | str, object_type: int | str) 
 class MjData:
     """State and results of a simulation; other fields are those of `mujoco.MjData`."""
 
-    # The official struct's fields are not listed here.
-    _data: Any
+    _data: mujoco.MjData
     _model: MjModel
 
     def __init__(self, model_or_data: "MjModel | mujoco.MjData") -> None:
@@ -83,7 +83,7 @@ class MjData:
         return self._model
 
     @property
-    def contact(self) -> Any:  # MuJoCo's list of contacts
+    def contact(self) -> Sequence[mujoco.MjContact]:
         """The contacts found in the last forward pass."""
         return self._data.contact[: self._data.ncon]
 

@@ -1,4 +1,4 @@
-"""Integer fields of a model: those that are fixed, and those that are checked at each write.
+"""Integer fields of a model: which are fixed, and which are checked at each write.
 
     modes = checked_field(official, "cam_mode")
     modes[0] = 3        # ValueError, and nothing changes, unless the model as a whole stays valid
@@ -190,10 +190,11 @@ def _values(valid: Container[int], expected: str) -> _Check:
     return _one_of(lambda _: (valid, expected))
 
 
-def _members(enum: type) -> _Check:
-    """A check of the members of one of MuJoCo's enums that count from 0."""
-    names = [name for name in enum.__members__ if not name.startswith("mjN")]  # pyright: ignore[reportAttributeAccessIssue]
-    return _values(range(len(names)), f"a mujoco.{enum.__name__}, 0 to {len(names) - 1}")
+def _members(enum: str) -> _Check:
+    """A check of the members of one of MuJoCo's enums, by name, that count from 0."""
+    members = getattr(mujoco, enum).__members__
+    count = sum(not name.startswith("mjN") for name in members)
+    return _values(range(count), f"a mujoco.{enum}, 0 to {count - 1}")
 
 
 def _check_resolution(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
@@ -225,7 +226,7 @@ def _both(affine: tuple[int, ...]) -> _Check:
 
 
 def _check_frames(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
-    """Frames may be said to be different, or the same if they are."""
+    """A frame may be marked as different, or as equal to another one if it is."""
     changed = np.flatnonzero(getattr(model, name) != values)
     if not values[changed].any():
         return
@@ -351,15 +352,11 @@ def _with_constants(model: mujoco.MjModel) -> mujoco.MjModel:
         mujoco.mj_setConst(model, data_of(model))
     except mujoco.FatalError:
         # It refuses geoms that were made to collide and have no box in the tree of their body.
-        has_box = np.isin(np.arange(model.ngeom), model.bvh_nodeid[: _nodes_of_bodies(model)])
+        of_bodies = model.bvh_nodeid[: model.body_bvhnum.sum()]  # before those of flexes and meshes
+        has_box = np.isin(np.arange(model.ngeom), of_bodies)
         model.geom_contype[~has_box] = model.geom_conaffinity[~has_box] = 0
         mujoco.mj_setConst(model, data_of(model))
     return model
-
-
-def _nodes_of_bodies(model: mujoco.MjModel) -> int:
-    """Number of nodes of all bodies' trees, which precede those of flexes and meshes."""
-    return int(model.body_bvhnum.sum())
 
 
 _BOUNDS = ("geom_rbound", "geom_aabb", "geom_fluid")
@@ -369,7 +366,7 @@ _OF_TEXTURES = ("tex_height", "tex_width", "tex_nchannel", "tex_adr")
 _MATERIAL = _numbers_of("nmat", "material")
 _TEXTURE = _numbers_of("ntex", "texture")
 _TARGET = _numbers_of("nbody", "body")
-_TRACKING = _members(mujoco.mjtCamLight)
+_TRACKING = _members("mjtCamLight")
 _DIMENSION = _values(_CONTACT_DIMENSIONS, "1, 3, 4 or 6")
 _SHAPE = _values([2, 3, 4, 5, 6], "a sphere, capsule, ellipsoid, cylinder or box, 2 to 6")
 
@@ -379,7 +376,7 @@ _CHECKS: dict[str, _Check] = {
     "body_sameframe": _check_frames,
     "cam_mode": _TRACKING,
     "cam_output": _values(range(2**mujoco.mjtCamOutBit.mjNCAMOUT.value), "a mask of mjtCamOutBit"),
-    "cam_projection": _members(mujoco.mjtProjection),
+    "cam_projection": _members("mjtProjection"),
     "cam_resolution": _check_resolution,
     "cam_targetbodyid": _TARGET,
     "flex_condim": _DIMENSION,
@@ -392,7 +389,7 @@ _CHECKS: dict[str, _Check] = {
     "light_mode": _TRACKING,
     "light_targetbodyid": _TARGET,
     "light_texid": _TEXTURE,
-    "light_type": _members(mujoco.mjtLightType),
+    "light_type": _members("mjtLightType"),
     "mat_texid": _TEXTURE,
     "pair_dim": _DIMENSION,
     "site_matid": _MATERIAL,

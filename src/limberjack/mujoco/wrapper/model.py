@@ -274,7 +274,7 @@ def object_type_number(object_type: str | int) -> int:
 
 
 def _size_of(file: str) -> int:
-    """Size of a file in bytes; 0 if there is none, which MuJoCo reports."""
+    """Size of a file in bytes; 0 if it does not exist, which MuJoCo reports."""
     path = Path(file)
     return path.stat().st_size if path.exists() else 0
 

@@ -14,7 +14,6 @@ package that only reads uses `model._model`.
 import functools
 import weakref
 from collections.abc import Callable, Hashable
-from typing import Any
 
 import mujoco
 
@@ -54,7 +53,7 @@ class SharedModel:
 class CopyOnWrite:
     """A wrapper of a model that is shared until an access could change it."""
 
-    _model: Any  # the official struct's fields are not listed here
+    _model: mujoco.MjModel
     _shared: SharedModel | None  # None once the wrapper has its own copy
     _is_lent: bool  # whether user code may change height fields, textures or meshes unnoticed
 
@@ -86,7 +85,7 @@ class CopyOnWrite:
         """
         return self._model if self._shared is None else self._shared.light
 
-    def _field(self, name: str) -> Any:  # fields of the official struct
+    def _field(self, name: str) -> object:
         """A field; if it is mutable, the model is copied first."""
         value = getattr(self._model, name)
         return value if isinstance(value, _IMMUTABLE) else getattr(self.own(), name)

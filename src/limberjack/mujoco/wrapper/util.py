@@ -1,6 +1,6 @@
 """Conversions between text and bytes, and `get_mjlib`."""
 
-from typing import Any
+from types import ModuleType
 
 import mujoco
 
@@ -17,6 +17,6 @@ def to_native_string(text: str | bytes) -> str:
     return text.decode() if isinstance(text, bytes) else text
 
 
-def get_mjlib() -> Any:  # the module of MuJoCo's functions
+def get_mjlib() -> ModuleType:
     """The official `mujoco` module, which has all functions of the library."""
     return mujoco

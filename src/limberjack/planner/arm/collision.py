@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from limberjack.planner.arm.geometry import GEOMETRY
-from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "LIMITS",
@@ -125,7 +124,7 @@ def within_limits(joints: np.ndarray) -> np.ndarray:
     return within[..., 0] & within[..., 1] & within[..., 2]
 
 
-def direction_of(angles: AnyArray) -> np.ndarray:
+def direction_of(angles: np.ndarray) -> np.ndarray:
     """The directions of angles, as complex numbers of length 1."""
     return np.exp(1j * angles)
 

@@ -10,7 +10,6 @@ from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.settings import Settings
-from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "ARM",
@@ -59,23 +58,23 @@ SETTINGS = Settings(
 )
 
 
-def fingers(data: NamedFields) -> AnyArray:
+def fingers(data: NamedFields) -> np.ndarray:
     """Angle of the fingers, (...), radians."""
     angles = data.qpos[["thumb", "finger"]]
     return (angles[..., 0] + angles[..., 1]) / 2
 
 
-def closing(data: NamedFields) -> AnyArray:
+def closing(data: NamedFields) -> np.ndarray:
     """Angle of the fingers from fully open, (...), radians."""
     return fingers(data) - OPEN_ANGLE
 
 
-def in_hand(data: NamedFields, place: np.ndarray) -> tuple[AnyArray, AnyArray]:
+def in_hand(data: NamedFields, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances of a position ahead of the grasp site and aside of it, (..., 3) -> (...) each."""
     return in_frame(place - data.site_xpos["grasp"], data.site_xmat["grasp"])
 
 
-def in_frame(offset: np.ndarray, frame: np.ndarray) -> tuple[AnyArray, AnyArray]:
+def in_frame(offset: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Parts of a vector along z and x of a frame, (..., 3) and (..., 9) -> (...) each."""
     along = offset[..., 0] * frame[..., 2] + offset[..., 2] * frame[..., 8]
     aside = offset[..., 0] * frame[..., 0] + offset[..., 2] * frame[..., 6]
@@ -89,12 +88,12 @@ def finger_angle(width: float) -> float:
     return float(np.arccos(reach) - np.arctan2(ahead, aside))
 
 
-def near(distance: AnyArray, scale: float) -> AnyArray:
+def near(distance: np.ndarray, scale: float) -> np.ndarray:
     """Closeness: 1 at no distance, a half at the scale, (...)."""
     return 1.0 / (1.0 + (distance / scale) ** 4)
 
 
-def loose(physics: Physics, press: float) -> AnyArray:
+def loose(physics: Physics, press: float) -> np.ndarray:
     """Cost of a grasp that presses less than it should, and slips, 0 to 0.3, (...)."""
     return 0.15 * np.maximum(press - physics.named.data.ctrl["grasp"], 0.0)
 
@@ -105,7 +104,7 @@ def sag(physics: Physics, gain: float) -> np.ndarray:
     return physics.named.data.qfrc_bias[ARM] / force
 
 
-def outward_speed(data: NamedFields, joint: str, site: str) -> AnyArray:
+def outward_speed(data: NamedFields, joint: str, site: str) -> np.ndarray:
     """Speed of an object away from the middle, 0 to 2 m/s, (...).
 
     An arm that pushes an object instead of grasping it chases it into the corners.

@@ -22,7 +22,6 @@ from limberjack.planner.arm.collision import (
     within_limits,
 )
 from limberjack.planner.arm.geometry import GEOMETRY
-from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "GRASP",
@@ -47,7 +46,7 @@ def direction(angle: np.ndarray | float) -> np.ndarray:
     return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
 
 
-def angle_of(vector: np.ndarray) -> AnyArray:
+def angle_of(vector: np.ndarray) -> np.ndarray:
     """The angle at which vectors point, (..., 2) -> (...), radians."""
     return np.arctan2(-vector[..., 0], vector[..., 1])
 
@@ -113,9 +112,9 @@ def hand_poses_each(
     ]
 
 
-def _of_each(values: AnyArray) -> AnyArray:
+def _of_each(values: np.ndarray | float) -> np.ndarray | float:
     """A number for all points unchanged, one for each of them as a column."""
-    return values[:, None] if np.ndim(values) else values
+    return values[:, None] if isinstance(values, np.ndarray) and values.ndim else values
 
 
 def _chosen(random: np.random.Generator, far: np.ndarray, count: int) -> np.ndarray:

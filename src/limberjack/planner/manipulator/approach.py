@@ -62,8 +62,8 @@ class Approach:
         prop, is_walled = self.prop, self.walls is not NOTHING
         wanted = max(count, prop.fewest) if is_walled else count
         drawn = 2 * wanted if is_walled else wanted  # some are in the walls
-        places, *turned = prop.grasps(objects, tilt)
-        each = places, prop.reach + back, now, drawn, *turned
+        places, angles, play = prop.grasps(objects, tilt)
+        each = places, prop.reach + back, now, drawn, angles, play
         clear = {"width": prop.width, "slack": 1.5 * prop.slack}
         found = hand_poses_each(random, *each, **clear)
         left = [poses[self.is_clear(poses)] for poses in found]

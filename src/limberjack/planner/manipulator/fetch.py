@@ -48,7 +48,6 @@ from limberjack.planner.manipulator.props import (
 from limberjack.planner.manipulator.raking import Rake
 from limberjack.planner.settings import Settings
 from limberjack.utils import arrays
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["ARRIVED", "PATIENCE", "PER_RADIAN", "Fetch", "Stage"]
 
@@ -126,7 +125,7 @@ class Fetch:
             self.paths.forget()
         return True
 
-    def hold(self, data: NamedFields) -> AnyArray:
+    def hold(self, data: NamedFields) -> np.ndarray:
         """Quality of the hand's hold on the object, 0 to 1, (N,)."""
         # A little play in the hand is no reason to stand still.
         return np.minimum(PLAY * self.prop.firmness(data, self.prop.offset(data)), 1.0)
@@ -276,7 +275,7 @@ class Fetch:
         rake.misses = 0 if path is not None else rake.misses + 1
         return path
 
-    def terms(self, data: NamedFields, share: AnyArray = 1.0) -> dict[str, np.ndarray]:
+    def terms(self, data: NamedFields, share: np.ndarray | float = 1.0) -> dict[str, np.ndarray]:
         """Terms of the stage, (N,) each; that of fetching is multiplied by a share, (N,)."""
         low = {"hand at the floor": np.maximum(0.03 - data.site_xpos["grasp", "z"], 0.0)}
         path, stage = self.path, self.stage

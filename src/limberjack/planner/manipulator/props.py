@@ -29,7 +29,6 @@ from limberjack.planner.arm.hand import (
 from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 from limberjack.planner.cost import AnyTask
 from limberjack.utils import arrays
-from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "BACK",
@@ -97,7 +96,7 @@ def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
     return x * frame[..., 0::3] + z * frame[..., 2::3]
 
 
-def against_hand(data: NamedFields, forward: np.ndarray) -> AnyArray:
+def against_hand(data: NamedFields, forward: np.ndarray) -> np.ndarray:
     """One less the cosine between the hand and a direction, (..., 3) -> (...)."""
     hand = data.site_xmat["grasp"]
     return 1.0 - forward[..., 0] * hand[..., 2] - forward[..., 2] * hand[..., 8]
@@ -141,23 +140,23 @@ class Ball:
     held, reach = GRASP + 0.022, GRASP
     attempts, fewest = 4, 1
 
-    def offset(self, data: NamedFields) -> tuple[AnyArray, AnyArray]:
+    def offset(self, data: NamedFields) -> tuple[np.ndarray, np.ndarray]:
         """Distances of the ball ahead and aside of the point of the grasp, (N,) each, metres."""
         return in_hand(data, data.site_xpos["ball"])
 
-    def misalignment(self, data: NamedFields) -> AnyArray:
+    def misalignment(self, data: NamedFields) -> np.ndarray:
         """One less the cosine between the hand and straight down, 0 up to 20 degrees, (...)."""
         return np.maximum(against_hand(data, downwards(data.site_xpos["ball"])) - 0.06, 0.0)
 
-    def firmness(self, data: NamedFields, offset: tuple[AnyArray, AnyArray]) -> AnyArray:
+    def firmness(self, data: NamedFields, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """1 where the ball is right between the closed fingers, 0 far from there, (N,)."""
         return _enclosed(data, self, offset)
 
-    def opening(self, offset: tuple[AnyArray, AnyArray]) -> float:
+    def opening(self, offset: tuple[np.ndarray, np.ndarray]) -> float:
         """The fingers' angle with which the hand comes, radians."""
         return self.ready
 
-    def chased(self, data: NamedFields) -> AnyArray:
+    def chased(self, data: NamedFields) -> np.ndarray:
         """Cost of the motion of the ball while it is not held, (N,)."""
         return outward_speed(data, self.joints[0], "ball")
 
@@ -165,7 +164,7 @@ class Ball:
         """Costs of the motion of the ball while it is held: none."""
         return []
 
-    def gap(self, data: NamedFields) -> AnyArray:
+    def gap(self, data: NamedFields) -> np.ndarray:
         """Distance of the ball from the target, (N,), metres."""
         return arrays.norm(data.site_xpos["ball"] - data.site_xpos["target_ball"])
 
@@ -180,7 +179,7 @@ class Ball:
         place = data.site_xpos["target_ball"][PLANE]
         return hand_poses(random, place, GRASP, data.qpos[ARM], count)
 
-    def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, AnyArray, float]:
+    def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, np.ndarray, float]:
         """For each pose the place of the hand, (n, 2), its angle, (n,), and the play of that.
 
         The hand may turn by `tilt` radians around objects with a direction.
@@ -208,27 +207,27 @@ class Peg:
     _leans = 0.02, 0.02, 0.4, 0.8
     _lean = 0  # which of these it has
 
-    def offset(self, data: NamedFields) -> tuple[AnyArray, AnyArray]:
+    def offset(self, data: NamedFields) -> tuple[np.ndarray, np.ndarray]:
         """Offset of the pinch from the fingertips, about which a hand may turn, (N,) each."""
         ahead, aside = in_hand(data, data.site_xpos["peg_pinch"])
         return ahead - (PINCH - GRASP), aside
 
-    def misalignment(self, data: NamedFields) -> AnyArray:
+    def misalignment(self, data: NamedFields) -> np.ndarray:
         """One less the cosine between the hand and the peg, (...)."""
         return against_hand(data, _forward(data.site_xmat["peg"]))
 
-    def firmness(self, data: NamedFields, offset: tuple[AnyArray, AnyArray]) -> AnyArray:
+    def firmness(self, data: NamedFields, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
         return _enclosed(data, self, offset) * near(self.misalignment(data), 0.15)
 
-    def opening(self, offset: tuple[AnyArray, AnyArray]) -> np.ndarray:
+    def opening(self, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """The fingers' angle with which the hand comes, or releases a peg too deep in it, (N,)."""
         ahead, aside = offset
         # A guard that is no more than 12 mm behind the fingertips keeps a peg in the hand.
         is_deep = (ahead < -0.012) & (ahead > -BACK) & (np.abs(aside) < BACK / 2)
         return np.where(is_deep, OPEN_ANGLE, self.ready)
 
-    def chased(self, data: NamedFields) -> AnyArray:
+    def chased(self, data: NamedFields) -> np.ndarray:
         """Cost of the peg's motion while it is not held; a hand that comes too fast kicks it."""
         speed = arrays.norm(data.qvel[self.joints][..., :2])
         lies = height_above_ground(data.site_xpos["peg"]) < LIES
@@ -240,7 +239,7 @@ class Peg:
         speed, spin = arrays.norm(velocity[..., :2]), np.abs(velocity[..., 2])
         return [0.5 * np.maximum(speed - 3.0, 0.0), 0.05 * np.maximum(spin - 10.0, 0.0)]
 
-    def gap(self, data: NamedFields) -> AnyArray:
+    def gap(self, data: NamedFields) -> np.ndarray:
         """Mean distance of the peg's middle and tip from theirs at the target, (N,), metres."""
         places = data.site_xpos
         gaps = [arrays.norm(places[s] - places[f"target_{s}"]) for s in ("peg", "peg_tip")]
@@ -266,7 +265,7 @@ class Peg:
         now = data.qpos[ARM]
         return hand_poses(random, place, forward, now, count, *wanted, width=self.width)
 
-    def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, AnyArray, float]:
+    def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, np.ndarray, float]:
         """For each pose the place of the hand, (n, 2), its angle, (n,), and the play of that."""
         places, angles = zip(*map(grasp_of, objects), strict=True)
         return np.array(places), np.array(angles), min(tilt, 0.3)  # more turned, a peg slips
@@ -290,7 +289,7 @@ def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:
     forward, down = _forward(frame)[PLANE], downwards(middle)[PLANE]
     # Along a peg that lies flat a finger would be in the floor: the hand comes from above.
     flat = float(forward[0] * down[1] - forward[1] * down[0])
-    return place + 0.003 * abs(flat) * down, angle_of(forward) + 0.25 * flat
+    return place + 0.003 * abs(flat) * down, float(angle_of(forward)) + 0.25 * flat
 
 
 def is_on_arm(data: NamedFields) -> bool:
@@ -301,7 +300,7 @@ def is_on_arm(data: NamedFields) -> bool:
     return bool(clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < 0.015)
 
 
-def across(data: NamedFields, turn: AnyArray) -> np.ndarray:
+def across(data: NamedFields, turn: np.ndarray) -> np.ndarray:
     """Cost of fingertips near a peg that a turned hand is not around, (N,): they would pin it.
 
     The turn is one less the cosine between hand and peg, (N,).
@@ -319,7 +318,9 @@ def _forward(frame: np.ndarray) -> np.ndarray:
     return in_world(frame, Peg.forward)
 
 
-def _enclosed(data: NamedFields, prop: Ball | Peg, offset: tuple[AnyArray, AnyArray]) -> AnyArray:
+def _enclosed(
+    data: NamedFields, prop: Ball | Peg, offset: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
     """1 where an object at an offset in the hand is between the closed fingers, 0 far off, (N,)."""
     ahead, aside = offset
     ahead = ahead - np.clip(ahead, 0.0, prop.slack)

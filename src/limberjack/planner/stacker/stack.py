@@ -33,7 +33,6 @@ from limberjack.planner.stacker.tower import (
     turned,
 )
 from limberjack.utils import arrays
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["Stack", "Stage"]
 
@@ -236,7 +235,7 @@ class Stack(Cost):
         room = (offsets[..., 1] < HALF) * np.maximum(free - offsets[..., 0], 0.0)
         return 100.0 * (room.sum(axis=-1) + np.maximum(np.abs(box[..., 0]) - FROM_WALL, 0.0))
 
-    def _over_tower(self, hand: np.ndarray) -> AnyArray:
+    def _over_tower(self, hand: np.ndarray) -> np.ndarray | float:
         """Height that the hand lacks to pass the tower, (N,)."""
         if not self._tower.placed:
             return 0.0

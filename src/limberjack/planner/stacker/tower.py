@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from limberjack.mujoco.index import NamedFields
-from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "ALOFT",
@@ -114,13 +113,13 @@ def _stands(data: NamedFields, box: str, gap: float, allowed: float) -> bool:
     return bool(gap < allowed and speed < 0.1 and turned(data, box) < FLAT)
 
 
-def turned(data: NamedFields, box: str | list[str]) -> AnyArray:
+def turned(data: NamedFields, box: str | list[str]) -> np.ndarray:
     """0 for boxes that lie flat on any of their sides, 0.25 for one on an edge, (...)."""
     square = data.xmat[box, "xx"] ** 2
     return square * (1.0 - square)
 
 
-def length(offsets: np.ndarray) -> AnyArray:
+def length(offsets: np.ndarray) -> np.ndarray:
     """Length of offsets, or speed of velocities, in the plane, (..., 2) -> (...)."""
     return np.hypot(offsets[..., 0], offsets[..., 1])
 

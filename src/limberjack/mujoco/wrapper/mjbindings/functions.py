@@ -6,7 +6,7 @@ import mujoco
 
 __all__ = ["mjlib"]
 
-mjlib: Any = mujoco  # its names are not listed here
+mjlib = mujoco
 
 
 def __getattr__(name: str) -> Any:  # names of MuJoCo's own package
