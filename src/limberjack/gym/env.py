@@ -52,9 +52,7 @@ class Env(gymnasium.Env):
     has `randomization`, the fields of the model that were drawn, if any are.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
-        "render_modes": arguments.RENDER_MODES
-    }
+    metadata = {"render_modes": arguments.RENDER_MODES}  # noqa: RUF012 (as Gymnasium has it)
 
     @arguments.suggests_names
     def __init__(
@@ -199,7 +197,7 @@ class Env(gymnasium.Env):
         return True
 
     def reset(
-        self, *, seed: int | None = None, options: Info | None = None
+        self, *, seed: int | None = None, options: Mapping[str, object] | None = None
     ) -> tuple[AnyObservation, Info]:
         """Begin an episode; return its first observation and info.
 
@@ -296,7 +294,7 @@ class Env(gymnasium.Env):
         self._played.restore(snapshot)
         self._counted = self._played._step_count
 
-    def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def render(self) -> np.ndarray | None:
         """A picture of the present state, (height, width, 3) uint8; None without a render mode.
 
         The pictures of a list of cameras are side by side, (height, cameras * width, 3).
@@ -317,13 +315,13 @@ class Env(gymnasium.Env):
 
     __str__ = __repr__  # Gymnasium's wrappers show it within their own
 
-    def _info(self) -> Info:
+    def _info(self) -> dict[str, object]:
         """The terms of the last step's reward, and whether the goal is reached now."""
         terms, success = self._played.reward_terms, self._played.success
         if not terms:
             return {}
-        info: Info = {"reward_terms": {name: float(v) for name, v in terms.items()}}
-        return info if success is None else {**info, "success": success}
+        shown = {name: float(value) for name, value in terms.items()}
+        return {"reward_terms": shown, **({} if success is None else {"success": success})}
 
     def _check_open(self) -> None:
         if self._closed:

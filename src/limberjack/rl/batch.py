@@ -37,7 +37,7 @@ from limberjack.rl.batch_safety import (
     check_plain,
     is_proved,
 )
-from limberjack.rl.contract import Nested, Task
+from limberjack.rl.contract import Task
 from limberjack.rl.copies import check_copies
 from limberjack.rl.endings import Counter, Repeated
 from limberjack.rl.episode_attributes import EpisodeAttributes, check_declared
@@ -46,7 +46,7 @@ from limberjack.rl.memory import Memory, remembered
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
 from limberjack.rl.randomize import Randomizer, show_drawn
 from limberjack.rl.represented import Description, represented
-from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.rl.streams import Streams
@@ -245,7 +245,7 @@ class BatchEnvironment:
         """Make every row begin an episode with the next step, in the middle of one too."""
         self._begins[:] = True
 
-    def step(self, actions: Nested) -> dm_env.TimeStep:
+    def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
         """Applies an action in every row and returns the batched `TimeStep`.
 
         Args:
@@ -593,9 +593,8 @@ class BatchEnvironment:
     def success(self) -> np.ndarray | None:
         """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
         terms = self.reward_terms if self._action_repeat == 1 else self._last_terms
-        if not terms or not getattr(self._task, "GOAL", ()):
-            return None  # tasks need not be subclasses of `base.Task`
-        return self._task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
+        success = success_of(self._task, terms)
+        return None if success is None else np.asarray(success)
 
     @property
     def name(self) -> str:

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 from dm_env import specs
 
-from limberjack.rl.contract import Nested
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.arrays import Quantity
@@ -109,7 +108,7 @@ class Batch(Protocol):
         """Makes every row begin an episode with the next step."""
         ...
 
-    def step(self, actions: Nested) -> dm_env.TimeStep:
+    def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
         """Applies an action in every row; rows whose episode has ended begin one instead."""
         ...
 

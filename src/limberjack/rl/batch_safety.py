@@ -38,7 +38,7 @@ from limberjack.rl.episode_attributes import EpisodeAttributes, advice
 from limberjack.rl.episode_values import declared, keep_own, values_of
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
-from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.shared_streams import fingerprint, put_back_after
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.rl.watch import Watch
@@ -232,7 +232,7 @@ class _Trial:
         """Begins an episode of a seed; returns its simulation, and checksums of its model."""
         rows = self._rows
         stream = np.random.RandomState(seed)
-        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
+        task._random = stream
         with Watch(task, rows.single, self._declared) as watch:
             set_stream_fields(task, stream, rows.simulation, row)
             self._check_memory(watch, "begin_stream")
@@ -241,7 +241,7 @@ class _Trial:
         with rows.episode(row) as one:
             values = self._values(one)
             with Watch(task, one, self._declared) as watch:
-                task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
+                task.initialize_episode(one)
                 self._check_memory(watch, "initialize_episode")
             keep_own(task, self._declared)
             self._check_global_stream("initialize_episode")
@@ -257,12 +257,12 @@ class _Trial:
         watch: Watch | None = None,
     ) -> None:
         self._rewind(task)
-        task.before_step(action.copy(), one)  # pyright: ignore[reportArgumentType]
+        task.before_step(action.copy(), one)
         keep_own(task, self._declared)
         self._check_hook(watch, "before_step")
         one.step(n_sub_steps)
         self._rewind(task)
-        task.after_step(one)  # pyright: ignore[reportArgumentType]
+        task.after_step(one)
         self._check_hook(watch, "after_step")
 
     def play_together(
@@ -303,10 +303,10 @@ class _Trial:
         self._rewind(task)
         steps = None if running is None else np.isin(np.arange(self._num_rows), running)
         with self._hook("before_step", rows=steps):
-            task.before_step(action.copy(), rows.physics)  # pyright: ignore[reportArgumentType]
+            task.before_step(action.copy(), rows.physics)
         rows.step(running, n_sub_steps)
         with self._hook("after_step", rows=steps):
-            task.after_step(rows.physics)  # pyright: ignore[reportArgumentType]
+            task.after_step(rows.physics)
 
     def _seen(
         self,
@@ -340,9 +340,10 @@ class _Trial:
             self._check_hook(watch, "get_reward")
             seen["the reward"] = reward
             seen |= {f"reward term {name!r}": value for name, value in terms.items()}
-            if terms and getattr(task, "GOAL", ()):
-                with explained("is_success", self._name, self._num_rows, is_batch):
-                    seen["is_success"] = task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
+            with explained("is_success", self._name, self._num_rows, is_batch):
+                success = success_of(task, terms)
+            if success is not None:
+                seen["is_success"] = success
         self._rewind(task)
         with self._hook("get_observation", is_batch, expected=list(expected or ())):
             observation = task.get_observation(read)
@@ -485,7 +486,7 @@ class _Trial:
         """Resets the task's random stream to the same state."""
         if fingerprint(self._stream) != self._unused:
             self._stream.set_state(self._stream_state)
-        task._random = self._stream  # pyright: ignore[reportAttributeAccessIssue]
+        task._random = self._stream
 
 
 def _check_returned(task: str, seen: Mapping[str, object]) -> None:

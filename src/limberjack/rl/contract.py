@@ -107,13 +107,11 @@ class Drawn(Protocol):
         """Number of rows; None for a single simulation."""
         ...
 
-    # Keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
-    def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
-        """Pictures of rows; None for all."""
+    def render_rows(self, rows: np.ndarray | None, **kwargs: object) -> np.ndarray:
+        """Pictures of rows, None for all; `kwargs` as of `limberjack.mujoco.Physics.render`."""
         ...
 
-    # Any: each keyword has its own type.
-    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+    def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of the picture of one row."""
         ...
 

@@ -150,15 +150,16 @@ def exact_copies(env: object, memo: dict[int, object]) -> None:
         _set_state(twin, copy.deepcopy(state, memo))
 
 
-def _set_state(twin: Any, state: Any) -> None:  # of a user's class, and as that class reduces
+def _set_state(one: object, state: Any) -> None:  # of any type: as a user's class reduces
     """Sets the state of an object as `copy.deepcopy` does."""
-    if hasattr(type(twin), "__setstate__"):
-        twin.__setstate__(state)
+    set_state = getattr(type(one), "__setstate__", None)
+    if set_state is not None:
+        set_state(one, state)
         return
     in_dict, in_slots = state if isinstance(state, tuple) and len(state) == 2 else (state, None)
-    vars(twin).update(in_dict or {})
+    vars(one).update(in_dict or {})
     for name, value in (in_slots or {}).items():
-        object.__setattr__(twin, name, value)
+        object.__setattr__(one, name, value)
 
 
 def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = False) -> None:

@@ -28,6 +28,7 @@ from dm_env import specs
 
 from limberjack.rl.contract import Drawn
 from limberjack.rl.guards import at_least_one
+from limberjack.rl.observations import of_type
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -101,9 +102,8 @@ class Pixels:
         arguments: dict[str, Any] = dict(options)  # each of its own type, which is checked
         return cls(**arguments)
 
-    # Any: each keyword has its own type.
     @property
-    def render_kwargs(self) -> dict[str, Any]:
+    def render_kwargs(self) -> dict[str, object]:
         """The keyword arguments of `Physics.render`, or `render_cameras`, for one frame."""
         size = {"height": self.height, "width": self.width}
         return {**size, "camera_id": self.camera, "quality": self.quality}
@@ -218,8 +218,7 @@ class Frames:
                 f"the task observes {what}; expected a dict without {PIXELS_KEY!r}, to which "
                 "pictures can be added: use pixels with only=True, or no pixels"
             )
-        make: Any = type(state)  # a mapping type whose constructor accepts a mapping
-        both: MutableMapping[str, _V | _P] = make(state)
+        both: MutableMapping[str, _V | _P] = of_type(state, state)
         both[PIXELS_KEY] = pixels
         return both
 

@@ -28,7 +28,6 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
-from typing import Any
 
 import dm_env
 import numpy as np
@@ -37,8 +36,17 @@ from dm_env import specs
 
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl import guards
-from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
-from limberjack.rl.contract import Nested, PhysicsError
+from limberjack.rl.builds import (
+    Build,
+    Make,
+    Seeded,
+    holder_of,
+    is_stable,
+    physics_of,
+    settable,
+    task_name,
+)
+from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import checked_states, state_sizes
@@ -141,7 +149,7 @@ class RowsEnvironment:
         self._edits_models = trial.edits_model or any(one != models[0] for one in models)
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
-        self._name: str = getattr(env, "_name", "") or _task_name(env)
+        self._name: str = getattr(env, "_name", "") or task_name(env)
         self._set_counters()
 
     def _threads_for(self, num_threads: int) -> int:
@@ -222,7 +230,7 @@ class RowsEnvironment:
                 if seed is not None:
                     self._seed(row, seed)
                 self._set_limit_of_next(row)
-                found.take(row, self._rows[row].environment.reset(), self._plain(row))
+                found.take(row, self._rows[row].environment.reset(), self._rows[row].plain)
 
             self._raise(self._each(begin, rows.tolist()))
             for name, values in found.observation.items():
@@ -241,7 +249,7 @@ class RowsEnvironment:
         self._begins[:] = True
         self._has_ended[:] = False
 
-    def step(self, actions: Nested) -> dm_env.TimeStep:
+    def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
         """Applies an action in every row and returns the batched `TimeStep`.
 
         Args:
@@ -265,7 +273,7 @@ class RowsEnvironment:
                     env = self._rows[row].environment
                     self._set_limit_of_next(row)
                     time_step = env.step(given[row]) if has_ended[row] else env.reset()
-                    found.take(row, time_step, self._plain(row))
+                    found.take(row, time_step, self._rows[row].plain)
                     return
                 self._step_row(row, given[row], found)
 
@@ -321,17 +329,16 @@ class RowsEnvironment:
 
     def _step_row(self, row: int, action: np.ndarray, found: RowStep) -> None:
         """Steps a row in mid-episode, as often as an action is repeated."""
-        seeded = self._rows[row]
-        env = seeded.environment
-        if seeded.is_plain and isinstance(env, Environment):  # it repeats and counts by itself
-            before = env._step_count
+        env, plain = self._rows[row].environment, self._rows[row].plain
+        if plain is not None:  # it repeats and counts by itself
+            before = plain._step_count
             try:
-                time_step = env.step(action)
+                time_step = plain.step(action)
             except PhysicsError:
-                found.end_diverged(row, env, before)
+                found.end_diverged(row, plain, before)
                 return
-            found.take(row, time_step, self._plain(row))
-            found.steps[row] = env._step_count - before
+            found.take(row, time_step, plain)
+            found.steps[row] = plain._step_count - before
             return
         repeat = self._action_repeat
         inner = control_of(env)
@@ -345,7 +352,7 @@ class RowsEnvironment:
             except PhysicsError:
                 found.diverge(row)
                 return
-            found.take(row, time_step, self._plain(row))
+            found.take(row, time_step, None)
             if repeat > 1:
                 terms.update(getattr(env, "reward_terms", {}))
             if isinstance(inner, Environment):
@@ -392,7 +399,7 @@ class RowsEnvironment:
             seeded = self._rows[row]
             if snapshot.copies or not seeded.is_plain:
                 env = seeded.environment
-                snapshot.check(Snapshot.origin_of_copy(env, control_of(env)), len(numbers))
+                snapshot.check(Snapshot.origin_of_copy(env), len(numbers))
             else:
                 own = self._saved(row, as_copy=False)
                 snapshot.check(own.origin, len(numbers))
@@ -464,8 +471,8 @@ class RowsEnvironment:
 
             def start(row: int) -> None:
                 state = {name: values[index[row]] for name, values in checked.items()}
-                time_step = _settable(self._rows[row].environment).set_state(state)
-                found.take(row, time_step, self._plain(row))
+                time_step = settable(self._rows[row].environment).set_state(state)
+                found.take(row, time_step, self._rows[row].plain)
 
             self._raise(self._each(start, rows.tolist()))
             for name, values in found.observation.items():
@@ -480,7 +487,7 @@ class RowsEnvironment:
           TypeError: a row is not a `control.Environment` on a simulation of MuJoCo.
         """
         self._use.check()
-        sizes = [state_sizes(_settable(env).physics) for env in self.environments]
+        sizes = [state_sizes(settable(env).physics) for env in self.environments]
         return sizes[0]
 
     def copy_row(self, source: int, target: int) -> None:
@@ -633,11 +640,10 @@ class RowsEnvironment:
         numbers = self._numbers(rows).tolist()
 
         def draw(**how: object) -> np.ndarray:
-            physics = [_physics_of(self.environments[row]) for row in numbers]
-            if not physics:
-                shape, dtype = _physics_of(self.environments[0]).picture_spec(**how)
+            if not numbers:
+                shape, dtype = physics_of(self.environments[0]).picture_spec(**how)
                 return np.empty((0, *shape), dtype)
-            return np.stack([one.render(**how) for one in physics])
+            return np.stack([physics_of(self.environments[row]).render(**how) for row in numbers])
 
         with self._use:
             return render_cameras(draw, render_arguments(kwargs), axis=2)
@@ -677,7 +683,7 @@ class RowsEnvironment:
             found = [getattr(holder_of(env, name), name) for env in self.environments]
             return [one(*args, **kwargs) if callable(one) else one for one in found]
 
-    def _checked(self, actions: Nested, begins: np.ndarray) -> np.ndarray:
+    def _checked(self, actions: npt.ArrayLike, begins: np.ndarray) -> np.ndarray:
         """A copy of the actions, since environments may keep theirs."""
         given = np.array(guards.check_actions(actions, self.num_envs, begins, self.first_row))
         shape = self._action_spec.shape
@@ -756,13 +762,11 @@ class RowsEnvironment:
         )
 
     def _saved(self, row: int, as_copy: bool) -> Snapshot:
-        env = self._rows[row].environment
-        if not as_copy:
-            assert isinstance(env, Environment)
-            return env.snapshot()
+        env, plain = self._rows[row].environment, self._rows[row].plain
+        if plain is not None and not as_copy:
+            return plain.snapshot()
         check_copies(env, are_seeded=False)
-        twin = copied(env)
-        return Snapshot.of_copy(twin, control_of(twin), self.registration, self._name)
+        return Snapshot.of_copy(copied(env), self.registration, self._name)
 
     def _restore(self, row: int, part: Snapshot) -> None:
         """Continues a row from a snapshot of one environment."""
@@ -824,12 +828,6 @@ class RowsEnvironment:
     def _shown(self, observation: dict[str, np.ndarray]) -> MutableMapping[str, np.ndarray]:
         return collections.OrderedDict(observation)
 
-    def _plain(self, row: int) -> Environment | None:
-        """The environment of a row, if it is plain."""
-        seeded = self._rows[row]
-        env = seeded.environment
-        return env if seeded.is_plain and isinstance(env, Environment) else None
-
     def _numbers(self, ids: _Rows) -> np.ndarray:
         """Sorted row numbers from row numbers, a mask, or None for all."""
         return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
@@ -843,10 +841,8 @@ def _threads(num_threads: int | None, num_envs: int) -> int:
 
 def _in_parts(seeded: Seeded) -> Environment | None:
     """The environment of a row, if it is plain and its control step can be taken in parts."""
-    env = seeded.environment
-    if seeded.is_plain and isinstance(env, Environment) and env._steps_in_parts:
-        return env
-    return None
+    plain = seeded.plain
+    return plain if plain is not None and plain._steps_in_parts else None
 
 
 def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
@@ -855,16 +851,6 @@ def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
         bounds = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
         return specs.BoundedArray(shape, spec.dtype, *bounds, name=spec.name)
     return specs.Array(shape, spec.dtype, name=spec.name)
-
-
-def _settable(env: dm_env.Environment) -> Environment:
-    """The environment, if its state can be set."""
-    if isinstance(env, Environment):
-        return env
-    raise TypeError(
-        f"a {type(env).__name__} cannot begin in a given state; expected a "
-        "limberjack.rl.control.Environment or a subclass in every row; nothing was reset"
-    )
 
 
 def _inside(env: dm_env.Environment) -> Environment:
@@ -882,23 +868,6 @@ def _begins_if_stepped(env: dm_env.Environment) -> bool:
     """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
     inner = control_of(env)
     return not (isinstance(inner, Environment) and inner.is_running)
-
-
-def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
-    physics = getattr(env, "physics", None)
-    if physics is None:
-        physics = getattr(control_of(env), "physics", None)
-    if physics is None:
-        raise TypeError(
-            f"a {type(env).__name__} has no physics, so it cannot be rendered here: draw "
-            "batch.environments[i] yourself"
-        )
-    return physics
-
-
-def _task_name(env: dm_env.Environment) -> str:
-    inner = control_of(env)
-    return getattr(inner, "_name", "") or type(getattr(inner, "_task", env)).__name__
 
 
 def _checked_contexts(

@@ -12,7 +12,8 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _chain, base, common
 from limberjack.suite import _locomotion as locomotion
-from limberjack.suite.base import Kwargs, Seed
+from limberjack.suite.base import Seed
+from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [

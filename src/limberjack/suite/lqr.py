@@ -16,7 +16,8 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.suite import _chain, base, common
-from limberjack.suite.base import Kwargs, Seed
+from limberjack.suite.base import Seed
+from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.utils import arrays, containers
 
 __all__ = [
