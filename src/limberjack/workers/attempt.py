@@ -12,7 +12,7 @@ from limberjack.policies import PolicyError
 from limberjack.utils import described as errors
 from limberjack.workers.setup import Refused, Setup
 
-__all__ = ["Answer", "Failed", "Function", "WorkError", "attempt", "described"]
+__all__ = ["Answer", "Failed", "Function", "WorkError", "attempt", "described", "value_of"]
 
 _Result = TypeVar("_Result")
 _Other = TypeVar("_Other")
@@ -60,6 +60,17 @@ def attempt(
         return Failed(str(refusal))
     except Exception as error:
         return Failed(described(error))
+
+
+def value_of(answer: "Answer[_Other] | Failed") -> _Other:
+    """The result of a unit.
+
+    Raises:
+      WorkError: the unit could not be played.
+    """
+    if isinstance(answer, Failed):
+        raise WorkError(answer.message)
+    return answer.value
 
 
 def described(error: BaseException) -> str:
