@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.utils.arrays import Quantity
 
@@ -54,7 +55,7 @@ class Physics(abc.ABC):
     def timestep(self) -> float:
         """Length of one time step, seconds."""
 
-    def set_control(self, control: Nested) -> None:
+    def set_control(self, control: npt.ArrayLike) -> None:
         """Sets the control signals of the actuators."""
         raise NotImplementedError(f"{type(self).__name__} does not define set_control")
 
@@ -200,7 +201,7 @@ class Task(abc.ABC, Generic[_Physics]):
     def action_spec(self, physics: _Physics) -> Nested:
         """A `dm_env.specs.BoundedArray` of valid actions, or a nested structure of them."""
 
-    def step_spec(self, physics: _Physics) -> Nested:
+    def step_spec(self, physics: _Physics) -> object:
         """A spec of the result of `step`; optional."""
         raise NotImplementedError(f"{type(self).__name__} does not define step_spec")
 

@@ -307,7 +307,7 @@ class Environment(dm_env.Environment):
         """Spec of valid actions."""
         return self._task.action_spec(self._physics)
 
-    def step_spec(self) -> Nested:
+    def step_spec(self) -> object:
         """Spec of the result of `step`, if the task defines one."""
         return self._task.step_spec(self._physics)
 
