@@ -515,9 +515,10 @@ class BatchEnvironment:
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
         return {**kept, "making": making, "snapshot": self.snapshot()}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type
-        snapshot = state.pop("snapshot")
-        single, num_envs, num_threads = state.pop("making")
+    def __setstate__(self, state: dict[str, object]) -> None:
+        snapshot, making = as_snapshot(state.pop("snapshot")), state.pop("making")
+        assert isinstance(making, tuple)
+        single, num_envs, num_threads = making
         vars(self).update(state)
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)

@@ -559,10 +559,10 @@ class Environment(dm_env.Environment):
         physics = cast(Any, kept.pop("_physics"))
         return {**kept, "exact": (type(physics), physics.__getstate__())}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type
+    def __setstate__(self, state: dict[str, object]) -> None:
         exact = state.pop("exact", None)
         vars(self).update(state)
-        if exact is not None:
+        if isinstance(exact, tuple):
             kind, described = exact
             self._physics = kind.__new__(kind)
             self._physics.become(described)

@@ -21,7 +21,7 @@ import collections
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from dm_env import specs
@@ -99,8 +99,7 @@ class Pixels:
                     f"pixels has no option {name!r}.{did_you_mean(name, known)} It takes: "
                     f"{', '.join(known)}."
                 )
-        arguments: dict[str, Any] = dict(options)  # each of its own type, which is checked
-        return cls(**arguments)
+        return dataclasses.replace(cls(), **options)
 
     @property
     def render_kwargs(self) -> dict[str, object]:
