@@ -64,7 +64,7 @@ _LAST = int(dm_env.StepType.LAST)
 class BatchEnvironment:
     """Episodes of a task on a batch of simulations; see the module's docstring."""
 
-    # The reason why rows are not vectorised: none, as these are. See `Batch`.
+    # See `Batch`: the rows of this class are vectorised.
     why_rows: str | None = None
     registration: object = None  # see `control.Environment`
     _name = ""  # see `control.Environment`
@@ -138,7 +138,8 @@ class BatchEnvironment:
         if not proved:
             check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
         self._memory = EpisodeAttributes(task, self.num_envs, proved)
-        # What rows observed last, as far as known: for a task that may remember that it was asked.
+        # Each row's last observation, and whether it is known. A row that is not stepped shows it
+        # again, since a task that remembers may answer differently when it is asked again.
         self._observed: MutableMapping[str, np.ndarray] = {}
         self._has_observed = np.zeros(self.num_envs, bool)
         self._begin_streams(range(self.num_envs))
@@ -330,10 +331,10 @@ class BatchEnvironment:
         return total.time_step()
 
     def _simulate(self, active: np.ndarray | None) -> np.ndarray | None:
-        """Steps the simulations of a mask of rows, None for all, and tells the task.
+        """Steps the simulations of a mask of rows, None for all, and calls `after_step`.
 
         Returns:
-          A mask of those that did not diverge, (num_envs,); None if the task remembers nothing.
+          A mask of the rows that did not diverge, (num_envs,); None if the task remembers nothing.
         """
         running = None if active is None else np.flatnonzero(active)
         self.diverged = self._replicas.step(running, self._n_sub_steps)
@@ -349,13 +350,13 @@ class BatchEnvironment:
         return stepped
 
     def _reward(self, rows: np.ndarray | None) -> tuple[Quantity, dict[str, Quantity]]:
-        """The rewards and their terms, which count for a mask of rows."""
+        """The rewards and their terms; the task remembers the call in a mask of rows only."""
         physics = self._replicas.physics
         with self._memory.during("get_reward", physics, rows):
             return reward_and_terms(self._task, physics)
 
     def _termination(self, rows: np.ndarray | None) -> Quantity | None:
-        """The task's termination, which counts for those of a mask of rows that go on."""
+        """The task's termination; it remembers the call in masked rows before the limit only."""
         physics = self._replicas.physics
         going_on = None if rows is None else rows & ~self._counter.reach_limit
         with self._memory.during("get_termination", physics, going_on):
@@ -389,7 +390,7 @@ class BatchEnvironment:
           ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
             damaged, or contains an episode at or beyond the step limit; nothing was restored.
 
-        A row whose saved state is invalid diverges with the next step, as the saved row would.
+        A row whose saved state is invalid diverges in the next step, as the saved row would.
         """
         rows = self._rows(rows)
         as_snapshot(snapshot).check(self._origin, len(rows))
@@ -658,7 +659,7 @@ class BatchEnvironment:
                 self._counter.limits[row] = limit
 
     def _begin_streams(self, rows: Iterable[int]) -> None:
-        """Draws what belongs to the new streams of rows."""
+        """Draws from the rows' new streams: the length of a first episode, and model fields."""
         if self._stagger is not None:  # before the task draws from the streams
             for row in rows:
                 self._stagger.draw(row, self._streams.own[row])
@@ -696,7 +697,7 @@ class BatchEnvironment:
         return state if frames is None else frames.observe(self._replicas, state, is_step)
 
     def _state(self, rows: np.ndarray | None) -> MutableMapping[str, np.ndarray]:
-        """The task's observations, without pictures, which count for a mask of rows."""
+        """The observations, without pictures; the task remembers them in a mask of rows only."""
         physics = self._replicas.physics
         with self._memory.during("get_observation", physics, rows):
             observation = self._task.get_observation(physics)

@@ -5,18 +5,19 @@
 A few rows begin from different starts and take random actions for some steps, in lockstep with
 single simulations in the same states. Observation, reward, its terms, success, termination and
 state of each row are compared with the single simulation's, value by value, and the single
-simulation's model is checked for changes. So is what the methods of the task's physics return,
-because a sparse reward is 0 for a wrong distance too. Everything runs on copies of the task and the
-physics. The task's random stream is reset to the same position before each evaluation on either
+simulation's model is checked for changes. The results of the physics' methods are compared too,
+because a sparse reward is 0 for a wrong distance as well. Everything runs on copies of the task and
+the physics. The task's random stream is reset to the same position before each evaluation on either
 side.
 
-A hook must not change the task, its physics or a class of theirs, nor draw from a random stream:
-the rows would share what single environments have for themselves. What a start writes counts too.
-What the task declares in EPISODE_ATTRIBUTES is kept for each row.
+A hook or a start must not change the task, its physics or their classes, and a hook must not draw
+from a random stream: all rows would share the change, while each single environment has its own.
+Attributes declared in EPISODE_ATTRIBUTES are kept for each row, and may change.
 
-The rows are compared once more some steps later, when one row has begun another episode and another
-row was left out. The suite's own tasks skip the check, which a test makes for all of them. What
-changes only in later steps is found by `BatchEnvironment` as it happens, if at all.
+The rows are compared once more a few steps later, after one row has begun another episode and
+another row has not been stepped. The suite's own tasks skip the check, which a test makes for all
+of them. A change that a task makes only in later steps is found by `BatchEnvironment` as it
+happens, if at all.
 """
 
 import contextlib
@@ -50,9 +51,9 @@ __all__ = ["check_batch_safe", "check_episode_fields", "check_plain", "is_proved
 _MAX_ROWS = 4  # number of starts that covers the kinds of starts of most tasks
 _MIN_ROWS = 2  # with one row, wrong slices and norms cannot be distinguished from correct ones
 _STEPS = 3  # control steps; a touch sensor reports the first step only in the second
-_MORE_STEPS = 4  # before the second look
-_LOOKS = 1 + _STEPS + 1  # at the start, after each step, and once more later
-_BEGINS_AGAIN, _LEFT_OUT = 1, 2  # rows, between the first looks and the last one
+_MORE_STEPS = 4  # before the last comparison
+_LOOKS = 1 + _STEPS + 1  # comparisons: at the start, after each step, and once more later
+_BEGINS_AGAIN, _LEFT_OUT = 1, 2  # rows, in the steps before the last comparison
 _SECOND_START = 100  # seed of the second episode of the row that begins again
 _LARGE = 1_000_000  # bytes; larger fields are compared once, not after each start
 
@@ -171,7 +172,7 @@ class _Trial:
         self._name = type(task).__name__
         self._task: Task = _copied(task)
         self._declared = declared(task)
-        # What rows remember at their start, and the row that begins again at its second one.
+        # The values of EPISODE_ATTRIBUTES at each row's start, and at the second start of a row.
         self._starts: list[dict[str, object]] = [{} for _ in range(num_rows)]
         self._measured = [measurements_of(each) for each in (self._rows.single, self._rows.physics)]
         self._stream = np.random.RandomState(0)

@@ -149,7 +149,7 @@ class _Refusal:
 
 
 class _Copies:
-    """Makes copies of an environment, which takes another seed."""
+    """Makes copies of an environment, each with another seed."""
 
     def __init__(self, original: dm_env.Environment) -> None:
         self._original = original
@@ -242,7 +242,7 @@ class Seeded:
         self.is_plain = difference(env) is None
 
     def set_attribute(self, name: str, value: object) -> None:
-        """Sets an attribute of the environment or its task, and of those that take their place."""
+        """Sets an attribute of the environment or its task, and of those made for later seeds."""
         inner = control_of(self.environment)
         task = getattr(inner, "_task", None)
         before = attributes_of(task)
@@ -250,7 +250,7 @@ class Seeded:
         self.attributes[name] = value
         if isinstance(inner, Environment):
             inner.keep_as_first(name)
-        if "task" in self._first:  # which a reset with a seed puts back
+        if "task" in self._first:  # whose values a reset with a seed puts back
             # A property may set attributes of other names.
             is_set = {
                 one: copy.deepcopy(kept)

@@ -281,7 +281,7 @@ class Environment(dm_env.Environment):
         return dm_env.TimeStep(_MID, reward, 1.0, observation)
 
     def _end_repeated_step(self, number: int) -> dm_env.TimeStep | None:
-        """Like `_end_control_step`, with the sums of the control steps of the action until now."""
+        """Like `_end_control_step`, with rewards and terms summed over the action's steps."""
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
@@ -339,8 +339,8 @@ class Environment(dm_env.Environment):
     def draw_every(self, steps: int) -> None:
         """Takes a picture at a start and at each `steps`-th step; others repeat the last picture.
 
-        A loop that repeats an action, and needs the reward of each control step, thus stacks one
-        picture of each action. Snapshots do not contain it.
+        It is for a loop that repeats an action by itself and wants one stacked picture per action.
+        Snapshots do not contain the interval.
         """
         if self._frames is not None:
             self._frames.interval = at_least_one("steps", steps)
@@ -522,7 +522,7 @@ class Environment(dm_env.Environment):
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
     def present_observation(self) -> Mapping[str, Quantity]:
-        """The observation of the present state, computed again; the task does not remember it."""
+        """The observation of the present state, computed again without a trace in the task."""
         with stand_in(self._task, self._physics) as task:
             observation = self._seen_by(task)
         if self._frames is None:
@@ -626,7 +626,7 @@ class Environment(dm_env.Environment):
 
         If the spec is a nested structure, the task checks everything.
         """
-        # Not a wider type than that of the controls, of which it may be finite and they infinite.
+        # Not a wider type, whose finite values may be infinite as controls.
         if type(action) is np.ndarray and action.dtype.char in "df":
             # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():

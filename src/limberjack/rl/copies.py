@@ -2,10 +2,10 @@
 
     difference(env)       # "its class Half overrides step"; None for a plain `control.Environment`
     check_copies(env)     # raises TypeError if a copy with another seed would share its state
-    twin = copied(env)    # continues as `env` does, bit for bit
+    other = copied(env)   # continues as `env` does, bit for bit
 
-A plain environment can be seeded; any other may keep anything anywhere, so its copies are made of
-all its attributes. `copy.deepcopy` does not copy functions, nor what they refer to: a copy of an
+A plain environment can be seeded. Any other may keep state in any attribute, so a copy of it copies
+them all. `copy.deepcopy` does not copy functions, nor what they refer to: a copy of an
 environment whose `step` is `lambda a: old(a)` would step the original.
 """
 
@@ -44,7 +44,7 @@ _Env = TypeVar("_Env")
 _plain: tuple[type, frozenset[str]] = (dm_env.Environment, frozenset())
 
 
-# Classes that were found not to override anything.
+# Classes that override nothing, and their attributes when that was found.
 _not_overriding: "weakref.WeakKeyDictionary[type, Assigned]" = weakref.WeakKeyDictionary()
 
 

@@ -152,8 +152,8 @@ class Repeated:
           time_step: of all rows.
           terms: the reward terms of all rows.
           shown: mask of rows whose observation and step type count, (num_envs,).
-          stepped: mask of those among them whose reward and discount count too.
-          diverged: mask of those whose reward terms mean nothing.
+          stepped: mask of the rows among them whose reward and discount count too.
+          diverged: mask of the rows whose reward terms are meaningless.
         """
         for name, values in time_step.observation.items():
             if name in self.observation:

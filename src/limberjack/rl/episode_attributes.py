@@ -63,7 +63,7 @@ def check_declared(task: object) -> None:
 
 
 def advice(task: object, names: Sequence[str]) -> str:
-    """The way out for a task that remembers attributes which it does not declare."""
+    """Advice for a task that remembers attributes without declaring them."""
     values = [getattr(task, name, None) for name in names]
     if all(_is_number_or_array(value) for value in values):
         whole = tuple(sorted({*declared(task), *names}))
@@ -79,7 +79,7 @@ class EpisodeAttributes:
 
     Attributes:
       names: of the attributes that the task declares.
-      is_idle: whether the task is known to remember nothing, and is not looked at.
+      is_idle: whether the task is known to remember nothing, so that it is not watched.
     """
 
     def __init__(self, task: object, num_envs: int, is_proved: bool = False) -> None:
@@ -130,7 +130,7 @@ class EpisodeAttributes:
         values = {n: self._of_rows(n, value, "an assignment") for n, value in before.items()}
         watches = self._look(physics)
         self._set({name: value.copy() for name, value in values.items()})
-        # In a step it is the stream of whichever row began last.
+        # During a step the task has the stream of the row that began an episode last.
         stream, refusing = getattr(task, _STREAM, None), _Refusing(type(task).__name__, hook)
         if is_stream := isinstance(stream, np.random.RandomState):
             task._random = refusing  # pyright: ignore[reportAttributeAccessIssue]
@@ -147,7 +147,7 @@ class EpisodeAttributes:
     def _counted(
         self, name: str, before: np.ndarray, rows: np.ndarray | None, hook: str
     ) -> np.ndarray:
-        """The values that a hook has set in a mask of rows, None for all, and those from before."""
+        """The values set by a hook in a mask of rows, None for all; the old ones in the others."""
         new = np.array(self._of_rows(name, getattr(self._task, name), hook))
         if rows is not None:
             new[~rows] = before[~rows]
@@ -186,7 +186,7 @@ class EpisodeAttributes:
             self._set(before)
 
     def begin_again(self, rows: Sequence[int]) -> None:
-        """Gives rows the values from before the first episode, as a new seed does."""
+        """Gives rows the values from before their first episode, as for a new seed."""
         for name in self.names:
             values = np.array(getattr(self._task, name))
             values[rows] = self._first[name][rows]

@@ -45,7 +45,7 @@ def reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str, 
     Underflow is not an error, even if NumPy is set to raise: rewards far from a goal are 0.
     """
     if not _is_of_suite(type(task)) and np.geterr()["under"] == "raise":
-        # At once, because a second call would find what the first one left in the task.
+        # Before the first call, which may change what the task remembers, not before a second.
         with np.errstate(under="ignore"):
             return _reward_and_terms(task, physics)
     try:

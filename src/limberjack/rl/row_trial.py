@@ -1,4 +1,4 @@
-"""`Trial`: an environment that is looked at before the rows of a batch are made.
+"""`Trial`: an environment that is examined before the rows of a batch are made.
 
     trial = Trial(build, seed=0, context={}, num_envs=16)
     trial.observation_spec, trial.action_spec, trial.draws_globally
@@ -42,7 +42,7 @@ _TRIAL_STEPS = 3
 
 
 class Trial:
-    """An environment that is looked at before the rows are made: specs, and global streams."""
+    """An environment that is examined before the rows are made: specs and global streams."""
 
     def __init__(
         self, build: Build, seed: int, context: Mapping[str, object], num_envs: int

@@ -184,7 +184,7 @@ class RowsEnvironment:
         trial.close()
 
     def _set_counters(self) -> None:
-        """Sets what is known of rows that have not begun an episode."""
+        """Sets the counters of rows that have not begun an episode."""
         self._steps = np.zeros(self.num_envs, int)
         # Reward terms of rows whose `step` is called repeatedly.
         self._summed_terms: dict[int, Mapping[str, float]] = {}
