@@ -104,7 +104,7 @@ def are_environments(envs: Rows) -> bool:
 
 
 def set_values(envs: Rows, name: str, values: object) -> None:
-    """Set an attribute of rows to a value, or to those of a list or tuple, one for each row.
+    """Set an attribute of rows to a value, or to the items of a list or tuple, one for each row.
 
     A setting of a vectorised task must be equal in all rows, of the same kind as before, and leave
     the specs of observations and actions as they are.
@@ -136,7 +136,7 @@ def set_values(envs: Rows, name: str, values: object) -> None:
 
 
 def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int]) -> list[object]:
-    """The results of a method of some rows; for an attribute its values, as Gymnasium has it.
+    """The results of a method of some rows; the values of an attribute, as in Gymnasium.
 
     Raises:
       AttributeError: rows have neither such a method nor such an attribute.
@@ -185,9 +185,9 @@ def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[in
 
 
 def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[object]]) -> None:
-    """Sets an attribute of the tasks of vectorised batches to values of rows, or of none."""
+    """Sets an attribute of the tasks of vectorised batches, given a value for each row."""
     tasks = [_task(batch) for batch in batches]
-    # A setting is checked against all rows, those of the other half included.
+    # A setting must be equal in all rows, also between the halves.
     given = [value for part in parts for value in part]
     new = [
         _rows_of_memory(task, name, part) if name in _memory(task) else _setting(task, name, given)

@@ -107,10 +107,10 @@ class Env(gymnasium.Env):
             )
         if not math.isnan(self.dt):
             self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
-        # Whether Gymnasium's TimeLimit counts the steps, and its count.
+        # Whether a TimeLimit of Gymnasium counts the steps, and the count that it has.
         self._is_counted_outside = False
         self._counted = 0
-        # The id's length in control steps, where actions are repeated and no other was asked for.
+        # The id's length in control steps, if actions are repeated and no other length is given.
         self._length: int | None = None
         self._spec: EnvSpec | None = None
         self._closed = False
@@ -331,7 +331,7 @@ class Env(gymnasium.Env):
 def _played(
     given: dm_env.Environment | Make | Build, action_repeat: int | None
 ) -> control.Environment | Single:
-    """The environment itself if it is plain and its task the suite's; else one that wraps it."""
+    """The environment itself if it is plain and its task the suite's; otherwise a `Single`."""
     env = given.original if isinstance(given, Build) else given
     if not isinstance(env, control.Environment) or difference(env) is not None:
         return Single(given, action_repeat)

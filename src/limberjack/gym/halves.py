@@ -21,7 +21,7 @@ _R = TypeVar("_R")  # the result of a job
 
 
 class Workers(Generic[_R]):
-    """A thread for each half; each runs one job at a time, received in the order sent."""
+    """A thread for each half; results are received in the order in which jobs are sent."""
 
     def __init__(self, count: int) -> None:
         """Make `count` workers, without starting their threads."""
@@ -52,7 +52,7 @@ class Workers(Generic[_R]):
             raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
         if half not in self._threads:
             self._threads[half] = ThreadPoolExecutor(1, f"limberjack-half-{half}")
-        future = self._threads[half].submit(_when_it_is_its_turn, self._turn, job, given)
+        future = self._threads[half].submit(_in_turn, self._turn, job, given)
         self._sent.append((half, future))
 
     def receive(self) -> tuple[int, _R]:
@@ -81,9 +81,7 @@ class Workers(Generic[_R]):
         self.__init__(state["count"])
 
 
-def _when_it_is_its_turn(
-    turn: threading.Lock, job: Callable[..., _R], given: Iterable[object]
-) -> _R:
+def _in_turn(turn: threading.Lock, job: Callable[..., _R], given: Iterable[object]) -> _R:
     with turn:
         return job(*given)
 

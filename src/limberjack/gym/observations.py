@@ -165,7 +165,7 @@ def observations_of(
 ) -> Observations:
     """The form of observations with these specs.
 
-    They have pictures unless `pixels` is None, or if there are some from a wrapper.
+    They have pictures if `pixels` is given, or if a wrapper adds some.
 
     Raises:
       ValueError: `dtype` is neither float64 nor float32.

@@ -52,7 +52,7 @@ from limberjack.utils.arrays import Quantity
 
 __all__ = ["Single"]
 
-_WATCHED_STEPS = 3  # of which edits of the model are noticed, as where a batch is made
+_WATCHED_STEPS = 3  # first steps, in which edits of the model are noticed, as by a batch
 _ANY_SEED = 2**31  # below this lies the seed of an environment that is made without one
 
 _FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
@@ -87,7 +87,7 @@ class Single:
         self._own_limit: float | None = None  # control steps; None for the environment's own
         # An environment that was given and has begun no episode is seeded in place.
         self._is_new = isinstance(given, dm_env.Environment) and self._seeded.is_plain
-        # Whether the task itself does, so that a seed undoes it; edits by hand stay.
+        # Whether the task edits the model, which a seed undoes; a caller's edits stay.
         self._edits_model = False
         self._to_watch = _WATCHED_STEPS
         self._seed: int | None = None
@@ -264,7 +264,7 @@ class Single:
         self._is_last, self._timed_out = not snapshot.resets.any(), False
 
     def set_attribute(self, name: str, value: object) -> None:
-        """Sets an attribute of the environment or its task, and of those that take their place."""
+        """Sets an attribute of the environment or its task, and of those made for later seeds."""
         self._repeat = self.action_repeat
         self._seeded.set_attribute(name, value)
         self._set_up()
@@ -388,7 +388,7 @@ class Single:
         return result
 
     def _look(self) -> None:
-        """Remembers the attributes of a plain environment's task, after its hooks were called."""
+        """Records the attributes of a plain environment's task, after its hooks were called."""
         plain = self._plain
         if plain is None:
             return
@@ -398,7 +398,7 @@ class Single:
         self._task_watch.look()
 
     def _keep_what_was_set(self) -> None:
-        """Keeps attributes of the task that were set between calls: settings, for later seeds too.
+        """Makes attributes of the task that the caller has set since settings for later seeds too.
 
         What hooks set is memory instead, which a seed puts back.
         """

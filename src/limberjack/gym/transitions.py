@@ -39,7 +39,7 @@ class Transitions:
           batch: it must not be used elsewhere at the same time.
           mode: the time at which a row whose episode has ended begins the next one.
           observations: the form of the observations.
-          copy: return observations in new arrays each time; else in the same array where that is
+          copy: return observations in new arrays each time; otherwise in one array if that is
             faster.
         """
         self.batch = batch

@@ -209,7 +209,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
                 f"actions have shape {np.shape(actions)}; expected {self.action_space.shape}: one "
                 "row for each environment"
             )
-        # All of them are checked before any row is stepped.
+        # All actions are checked before any row is stepped.
         halves = zip(self._parts, self.halves, strict=True)
         checked = [part.checked(np.asarray(actions)[rows]) for part, rows in halves]
         steps: list[Step] = []

@@ -4,17 +4,18 @@
         EPISODE_ATTRIBUTES = ("last_action",)           # an array of (nu,), set in __init__
 
     memory = EpisodeAttributes(task, num_envs=64)       # task.last_action is now (64, nu)
-    with memory.during("before_step", physics, rows):   # the hook counts for a mask of rows
+    with memory.during("before_step", physics, rows):   # rows: a mask of those that remember it
         task.before_step(actions, physics)
     with memory.of_row(3, one):                         # task.last_action is (nu,), of row 3
         task.initialize_episode(one)
 
 A task declares numbers and arrays whose shape and dtype never change. In a batch each is one array
-with a leading axis of rows. A hook that is called for all rows counts for those whose single
-environment would have called it; the others get their values back. Values are copied in and out.
+with a leading axis of rows. A hook is called for all rows at once; rows whose single environment
+would not have called it get their values back. Values are copied in and out.
 
-All other attributes belong to all rows. One that a hook changes, and draws of a hook of a step,
-would give wrong numbers, so they raise `NotVectorised`, here as in the check at creation.
+All other attributes are shared by all rows. A hook that changes one, or a hook of a step that draws
+from the task's stream, would give wrong numbers and raises `NotVectorised`, here as in the check at
+creation.
 """
 
 import contextlib

@@ -19,7 +19,7 @@ from limberjack.workers.units import Unit
 
 __all__ = ["ExecutorWorkers", "in_flight"]
 
-_LOOK = 0.2  # seconds between two looks at jobs that cannot be waited for
+_LOOK = 0.2  # seconds between two checks of jobs that cannot be waited for
 _IN_FLIGHT = 2  # units per worker: one is played, one waits for it
 
 _Result = TypeVar("_Result")

@@ -5,9 +5,9 @@
     environment = factory.make(seed=0)
     factory.facts       # {"environment": "my_package:make", "environment_sha256": "..."}
 
-`evaluate`, `record` and `bench.measure` take either. A function is identified by its module and
-name and by the hash of its package. A lambda, a function within a function, a partial or an object
-with `__call__` depends on more than that: it has no hash, so its results cannot be kept.
+`evaluate`, `record` and `bench.measure` take either. A function is identified by its module, its
+name and the hash of its package. A lambda, a function within a function, a partial or an object
+with `__call__` depends on more than its source: it has no hash, so its results cannot be kept.
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ class Factory:
 
     Attributes:
       title: its name in pictures and messages.
-      facts: what identifies it in results: `domain` and `task`, or `environment` and
+      facts: its identity in results: `domain` and `task`, or `environment` and
         `environment_sha256`.
       make: an environment whose first episode is that of the seed; raises ValueError if there is no
         such domain, task or time limit, and TypeError if the function makes something other than
@@ -72,7 +72,7 @@ class Factory:
             raise
 
     def full_length(self) -> "Factory":
-        """The same without a time limit that was asked for, so with the task's own."""
+        """The same factory with the task's own time limit."""
         domain, task = self.facts.get("domain"), self.facts.get("task")
         return self if domain is None or task is None else _of_the_suite(domain, task, None)
 

@@ -100,8 +100,8 @@ class _Worker(threading.Thread):
         while (given := self._given.get()) is not None:
             try:
                 answer = self._played(*given)
-            # A function without a name, a result of an unknown class, too many open files: without
-            # an answer, the driver would wait for ever.
+            # Such as a function without a name, a result of an unknown class, or too many open
+            # files. Without an answer, the driver would wait forever.
             except Exception as error:
                 answer = Failed(described(error))
             self.state = "idle"
@@ -182,7 +182,7 @@ class Pool:
                 waiting.appendleft(unit)
                 continue
             value = value_of(answer)
-            if waiting:  # so that the worker plays on while the caller writes
+            if waiting:  # now, so that the worker plays while the caller writes
                 idle.pop().give(function, waiting.popleft())
                 playing += 1
             yield unit, value

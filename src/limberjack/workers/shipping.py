@@ -1,11 +1,11 @@
-"""Policies on their way to a worker: built-in ones by name, modules by source, models as bytes.
+"""Sends policies to workers: built-in ones by name, modules by source, models as bytes.
 
     shipped = ship("my_policies:still")       # in the driver
     actor = unpack(shipped, environment, 1)   # in a worker
 
 A worker imports MODULE:CALLABLE from its own files if it has that module, so that weights beside it
 are found; a worker without it imports the source that was shipped, and writes nothing to a file.
-The policy's hash shows whether the module is the same one: see `limberjack.workers.setup`.
+The policy's hash shows whether both have the same module; see `limberjack.workers.setup`.
 """
 
 import dataclasses
@@ -119,7 +119,7 @@ def _has(module: str) -> bool:
 
 
 def _import_shipped(module: str, source: Source) -> None:
-    """Imports a module that this process has no file of; its package's modules can be imported too.
+    """Imports a module that this process lacks, and makes its package's modules importable.
 
     Raises:
       ImportError: a package that it needs is not installed.
