@@ -36,6 +36,7 @@ from dm_env import specs
 
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl import guards
+from limberjack.rl.batch_contract import Lockstep, RowNumbers
 from limberjack.rl.builds import (
     Build,
     Make,
@@ -49,8 +50,8 @@ from limberjack.rl.builds import (
 from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
-from limberjack.rl.given_state import checked_states, state_sizes
-from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
+from limberjack.rl.given_state import state_sizes
+from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.row_phases import step_in_phases
 from limberjack.rl.row_step import RowStep, as_mapping
@@ -67,12 +68,10 @@ from limberjack.utils.seeds import checked_seed
 
 __all__ = ["RowsEnvironment"]
 
-_Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
-
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 
 
-class RowsEnvironment:
+class RowsEnvironment(Lockstep):
     """Complete single environments in lockstep; see the module's docstring."""
 
     _draw_interval = 1  # see `draw_every`
@@ -113,7 +112,6 @@ class RowsEnvironment:
           MemoryError: this many rows do not fit into memory.
         """
         self.num_envs: int = guards.at_least_one("num_envs", num_envs)
-        self.first_row = 0
         self.why_rows: str | None = why_rows
         self._raises = guards.raises_on_divergence(on_divergence)
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
@@ -206,7 +204,7 @@ class RowsEnvironment:
         return self._name
 
     def reset(
-        self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
+        self, ids: RowNumbers = None, seeds: Sequence[int | None] | None = None
     ) -> dm_env.TimeStep:
         """Begins an episode in all rows or in those given; returns the time step of all rows.
 
@@ -239,6 +237,10 @@ class RowsEnvironment:
             self._begins[rows] = False
             self._timed_out[rows] = False
             self.diverged[rows] = False
+        return self._present()
+
+    def _present(self) -> dm_env.TimeStep:
+        """The time step of a reset: FIRST for rows that have begun, MID for others."""
         step_type = np.where(self._steps == 0, _FIRST, _MID)
         observation = self._shown({n: v.copy() for n, v in self._observation.items()})
         ones = np.ones(self.num_envs)
@@ -364,7 +366,7 @@ class RowsEnvironment:
             if found.step_type[row] == _LAST:
                 return
 
-    def snapshot(self, rows: _Rows = None) -> Snapshot:
+    def snapshot(self, rows: RowNumbers = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on.
 
         Plain environments are saved as `control.Environment.snapshot` does, others, and those that
@@ -381,7 +383,7 @@ class RowsEnvironment:
             limits = np.stack([self._limits[numbers], self._stagger.shares[numbers]], axis=-1)
             return dataclasses.replace(joined, limits=limits)
 
-    def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
+    def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
         """Continues the batch, or some rows, from a snapshot, bit for bit.
 
         Args:
@@ -434,51 +436,22 @@ class RowsEnvironment:
                 found.setdefault(name, []).append(saved[name][0])
         return {name: np.stack(values) for name, values in found.items()}
 
-    def set_states(
-        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
-    ) -> dm_env.TimeStep:
-        """Continues the episodes that `reset` has just begun in rows from given states.
+    def _step_counts(self) -> np.ndarray:
+        return self._steps
 
-        Args:
-          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
-            snapshot of n environments. See `control.Environment.set_state`.
-          rows: sorted row numbers or a mask; None for all.
+    def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
+        found = RowStep(self._empty(), self._observation)
+        index = {row: i for i, row in enumerate(rows.tolist())}
 
-        Returns:
-          The time step of all rows, as `reset` does.
+        def start(row: int) -> None:
+            state = {name: values[index[row]] for name, values in states.items()}
+            time_step = settable(self._rows[row].environment).set_state(state)
+            found.take(row, time_step, self._rows[row].plain)
 
-        Raises:
-          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`; the
-            snapshot does not fit, see `restore`; or a row has no state to set; nothing was set.
-          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
-        """
-        rows = self._numbers(rows)
-        if isinstance(states, Snapshot):
-            self.restore(states, rows)
-            return self.reset([])
-        numbers = rows + self.first_row
-        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
-        with self._use:
-            late = numbers[self._begins[rows] | (self._steps[rows] > 0)].tolist()
-            if late:
-                raise RuntimeError(
-                    f"no episode has just begun in rows {late}: call reset(rows) before "
-                    "set_states()"
-                )
-            self._begins[rows] = True  # until it is complete
-            found = RowStep(self._empty(), self._observation)
-            index = {row: i for i, row in enumerate(rows.tolist())}
-
-            def start(row: int) -> None:
-                state = {name: values[index[row]] for name, values in checked.items()}
-                time_step = settable(self._rows[row].environment).set_state(state)
-                found.take(row, time_step, self._rows[row].plain)
-
-            self._raise(self._each(start, rows.tolist()))
-            for name, values in found.observation.items():
-                self._observation[name][rows] = values[rows]
-            self._begins[rows] = False
-        return self.reset([])
+        self._raise(self._each(start, rows.tolist()))
+        for name, values in found.observation.items():
+            self._observation[name][rows] = values[rows]
+        return self._present()
 
     def state_sizes(self) -> dict[str, int]:
         """Numbers in each field of a row's state, such as 'qpos', without empty fields.
@@ -490,18 +463,10 @@ class RowsEnvironment:
         sizes = [state_sizes(settable(env).physics) for env in self.environments]
         return sizes[0]
 
-    def copy_row(self, source: int, target: int) -> None:
-        """Makes row `target` a copy of row `source`, including its random stream."""
-        self.restore(self.snapshot([source]), [target])
-
-    def close(self) -> None:
-        """Closes the environments; the batch then raises if used; may be called repeatedly."""
-        if self._use.what_is_wrong is None:
-            with self._use:
-                self._threads.close()
-                for row in self._rows:
-                    row.environment.close()
-            self._use.what_is_wrong = "this batch is closed: create a new one"
+    def _free(self) -> None:
+        self._threads.close()
+        for row in self._rows:
+            row.environment.close()
 
     def description(self) -> Description:
         """The parts of the batch's `repr`."""
@@ -522,10 +487,6 @@ class RowsEnvironment:
         vars(new).update(copy.deepcopy(vars(self), memo))
         return new
 
-    def action_spec(self) -> specs.BoundedArray:
-        """The spec of the actions of all rows, (num_envs, ...)."""
-        return self._action_spec
-
     def single_action_spec(self) -> specs.BoundedArray:
         """The spec of one row's action."""
         return self._single_action_spec
@@ -535,14 +496,6 @@ class RowsEnvironment:
         return collections.OrderedDict(
             (name, _batched(spec, self.num_envs)) for name, spec in self._observation_spec.items()
         )
-
-    def reward_spec(self) -> specs.Array:
-        """The spec of the rewards, (num_envs,)."""
-        return specs.Array((self.num_envs,), float, name="reward")
-
-    def discount_spec(self) -> specs.BoundedArray:
-        """The spec of the discounts, (num_envs,)."""
-        return specs.BoundedArray((self.num_envs,), float, 0.0, 1.0, name="discount")
 
     @property
     def step_limit(self) -> float:
@@ -557,21 +510,11 @@ class RowsEnvironment:
         for row in range(self.num_envs):
             self._set_limit(row, limit)
 
-    @property
-    def action_repeat(self) -> int:
-        """Calls of `step` per action."""
-        return self._action_repeat
-
     def draw_every(self, steps: int) -> None:
         """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
         self._draw_interval = guards.at_least_one("steps", steps)
         for row in range(self.num_envs):
             self._set_up(row)
-
-    @property
-    def begins(self) -> np.ndarray:
-        """Mask of rows whose next step begins an episode, (num_envs,)."""
-        return self._begins.copy()
 
     @property
     def timed_out(self) -> np.ndarray:
@@ -626,27 +569,12 @@ class RowsEnvironment:
         self._use.check()
         return self._control_timestep
 
-    def render(self, rows: _Rows = None, **kwargs: object) -> np.ndarray:
-        """Pictures of all rows or some, (n, height, width, 3) uint8.
-
-        Args:
-          rows: sorted row numbers or a mask of (num_envs,); None for all.
-          kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
-            The pictures of a list of cameras are joined side by side.
-
-        Raises:
-          ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
-        """
-        numbers = self._numbers(rows).tolist()
-
-        def draw(**how: object) -> np.ndarray:
-            if not numbers:
-                shape, dtype = physics_of(self.environments[0]).picture_spec(**how)
-                return np.empty((0, *shape), dtype)
-            return np.stack([physics_of(self.environments[row]).render(**how) for row in numbers])
-
-        with self._use:
-            return render_cameras(draw, render_arguments(kwargs), axis=2)
+    def _draw(self, rows: np.ndarray, **kwargs: object) -> np.ndarray:
+        physics = [physics_of(self.environments[row]) for row in rows.tolist()]
+        if not physics:
+            shape, dtype = physics_of(self.environments[0]).picture_spec(**kwargs)
+            return np.empty((0, *shape), dtype)
+        return np.stack([one.render(**kwargs) for one in physics])
 
     def get_attr(self, name: str) -> list[object]:
         """An attribute of each row's environment, or of its task if only that has it.
@@ -813,12 +741,6 @@ class RowsEnvironment:
             error.add_note(note)
         raise error
 
-    def _report_divergence(self) -> None:
-        rows = (np.flatnonzero(self.diverged) + self.first_row).tolist()
-        if self._raises:
-            raise PhysicsError(f"the simulations of rows {rows} diverged")
-        log.warning("the simulations of rows %s diverged; their episodes end here", rows)
-
     def _empty(self) -> dict[str, np.ndarray]:
         return {
             name: np.zeros((self.num_envs, *spec.shape), spec.dtype)
@@ -827,10 +749,6 @@ class RowsEnvironment:
 
     def _shown(self, observation: dict[str, np.ndarray]) -> MutableMapping[str, np.ndarray]:
         return collections.OrderedDict(observation)
-
-    def _numbers(self, ids: _Rows) -> np.ndarray:
-        """Sorted row numbers from row numbers, a mask, or None for all."""
-        return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
 
 def _threads(num_threads: int | None, num_envs: int) -> int:
