@@ -29,7 +29,7 @@ from limberjack import suite
 from limberjack.gym import arguments
 from limberjack.gym.observations import AnyObservation, Info, Part, action_space, observations_of
 from limberjack.gym.single import Single
-from limberjack.gym.states import State, state_of_one
+from limberjack.gym.states import state_of_one
 from limberjack.rl import control
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.builds import Build, Make, holder_of
@@ -40,7 +40,7 @@ from limberjack.rl.represented import represented
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["Env", "load"]
+__all__ = ["Env", "check_steps", "load"]
 
 
 class Env(gymnasium.Env):
@@ -222,7 +222,8 @@ class Env(gymnasium.Env):
             given = arguments.check_options(options, arguments.STATE).get(arguments.STATE)
             state = state_of_one(given, played)
             number = None if seed is None else checked_seed(seed)
-            _check_length(self, state)
+            if isinstance(state, Snapshot):
+                check_steps(self.actions_of(int(state.step_count[0])), limits)
             if number is not None:  # which may call the user's code, to make the environment
                 played.reseed(number)
         except Exception:
@@ -343,17 +344,14 @@ def _played(
     return env
 
 
-def _check_length(env: Env, state: State | None) -> None:
-    """Raise ValueError for a snapshot of a step at which Gymnasium would have ended the episode."""
-    if not isinstance(state, Snapshot):
-        return
-    steps = env.actions_of(int(state.step_count[0]))
-    limits = [limit._max_episode_steps for limit in _time_limits_calling(env)]
-    if limits and steps >= min(limits):
+def check_steps(steps: int, limits: Sequence[TimeLimit]) -> None:
+    """Raise ValueError if Gymnasium would have ended the episode that a snapshot continues."""
+    least = min((limit._max_episode_steps for limit in limits), default=math.inf)
+    if steps >= least:
         raise ValueError(
             f"the snapshot is of step {steps} of an episode, and Gymnasium ends episodes after "
-            f"{min(limits)} steps here: make the environment with a larger max_episode_steps; "
-            "nothing was reset"
+            f"{least} steps here: make the environment with a larger max_episode_steps; nothing "
+            "has changed"
         )
 
 

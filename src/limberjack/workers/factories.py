@@ -117,7 +117,7 @@ def factory_of(
     def make(seed: int) -> dm_env.Environment:
         first = checked_seed(seed)
         with Locating(f"environment {name!r}, as it is made with seed {first}"):
-            return _checked(name, domain(first))
+            return Build(domain, name).make(first)
 
     return Factory(name, facts, make)
 
@@ -138,12 +138,3 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
         return suite.load(domain, task, {"random": checked_seed(seed), **more})
 
     return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make, time_limit)
-
-
-def _checked(name: str, made: object) -> dm_env.Environment:
-    if not isinstance(made, dm_env.Environment):
-        raise TypeError(
-            f"{name} made a {type(made).__name__}; expected a dm_env.Environment, such as a "
-            "limberjack.rl.control.Environment"
-        )
-    return made
