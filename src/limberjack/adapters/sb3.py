@@ -98,7 +98,7 @@ class VecEnv(vec_env.VecEnv):
     def reset(self) -> _Observations:
         """Begins an episode in every row; returns the observations.
 
-        The options given to `set_options` are those of `gym.Env.reset`, such as `state`.
+        `set_options` takes the options of `gym.Env.reset`, such as `state`.
 
         Raises:
           TypeError, ValueError: an option of a row is unknown or invalid; nothing was reset.

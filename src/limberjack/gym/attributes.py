@@ -111,7 +111,7 @@ def set_values(envs: Rows, name: str, values: object) -> None:
 
     Raises:
       AttributeError: rows have no such attribute, or it cannot be set.
-      ValueError: the number of values differs from that of rows, or a setting differs by row,
+      ValueError: there are not as many values as rows, or a setting differs between rows,
         changes the specs or makes rows differ from single environments; nothing was set.
       TypeError: a value is of another kind than before; nothing was set.
     """

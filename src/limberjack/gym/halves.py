@@ -1,6 +1,6 @@
 """Two halves of a batch: a worker thread for each, and their results joined.
 
-The threads are those of `concurrent.futures`, which the interpreter joins before it exits, so that
+The threads belong to `concurrent.futures`, which the interpreter joins before it exits, so that
 none is stopped in the middle of a step. They start with the first `send`, and step in turn: each
 half uses all the threads of its batch.
 """

@@ -62,7 +62,7 @@ def limit_of_batch(
     Args:
       name: of the task, for messages.
       length: of the id, in steps; None for an id without a length.
-      most: `max_episode_steps` as Gymnasium passes it on: the caller's, or that of the id.
+      most: `max_episode_steps` as Gymnasium passes it on: the caller's, or the id's.
       own: the batch's limit as it was loaded.
       is_asked_for: whether the caller gave a time limit.
 

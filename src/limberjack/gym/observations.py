@@ -60,7 +60,7 @@ class Part(NamedTuple):
 class Observations:
     """The form of observations: dict or flat, and the number type.
 
-    `layout` has the flat array's parts, in its order, which is also that of the dict; `space` is
+    `layout` has the parts of the flat array, in the order of the array and of the dict; `space` is
     the space of one simulation's observation.
     """
 

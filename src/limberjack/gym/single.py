@@ -205,8 +205,8 @@ class Single:
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on.
 
-        Plain environments are saved as `control.Environment.snapshot` does, others, and those whose
-        task edits the model, as copies.
+        Plain environments are saved as `control.Environment.snapshot` does; other environments, and
+        any whose task edits the model, as copies.
 
         Raises:
           TypeError: the environment keeps something that cannot be copied.

@@ -40,7 +40,7 @@ __all__ = [
     "task_name",
 ]
 
-# Makes an environment whose first episode is that of its seed.
+# Makes an environment whose first episode belongs to its seed.
 Make = Callable[..., dm_env.Environment]
 
 _OTHER_SEED = 1  # added to a seed, to compare what a function makes of two

@@ -177,7 +177,7 @@ def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = Fal
     stream = getattr(task, "_random", getattr(task, "random", None))
     own = [env, inner, task, physics, stream, *getattr(physics, "__dict__", {}).values()]
     targets = {id(one) for one in own if one is not None and not isinstance(one, (*ATOMS, type))}
-    # Copies of these are not those of the copied physics.
+    # Copies of these would not belong to the copied physics.
     parts = [getattr(physics, "model", None), getattr(physics, "data", None)]
     # Not `ptr`, which would give a shared model's wrapper a copy of its own.
     official = [getattr(parts[0], "_model", None), getattr(parts[1], "_data", None)]

@@ -4,7 +4,7 @@
         EPISODE_ATTRIBUTES = ("last_action",)           # an array of (nu,), set in __init__
 
     memory = EpisodeAttributes(task, num_envs=64)       # task.last_action is now (64, nu)
-    with memory.during("before_step", physics, rows):   # rows: a mask of those that remember it
+    with memory.during("before_step", physics, rows):   # rows: a mask of the rows that step
         task.before_step(actions, physics)
     with memory.of_row(3, one):                         # task.last_action is (nu,), of row 3
         task.initialize_episode(one)
@@ -34,7 +34,7 @@ __all__ = ["EpisodeAttributes", "advice", "check_declared"]
 
 _FORM = "numbers and arrays of numbers whose shape and dtype never change"
 _KINDS = "fiub"  # kinds of dtypes that an attribute may have
-_STREAM = "_random"  # of a task, which a batch replaces by that of each row
+_STREAM = "_random"  # of a task, which a batch replaces by each row's
 _NOTHING = contextlib.nullcontext()
 
 

@@ -266,7 +266,7 @@ def render_cameras(
     Args:
       draw: draws the picture of one camera, such as `Physics.render`.
       kwargs: the arguments of `draw`, whose `camera_id` may be a list.
-      axis: the axis along which pictures are joined; that of their width puts them side by side.
+      axis: the axis along which pictures are joined; the axis of width puts them side by side.
 
     Raises:
       ValueError, TypeError: see `cameras_of`, and `draw`.

@@ -7,7 +7,7 @@
 With `each`, each row keeps its thread, so what a row's environment keeps per thread stays valid.
 With `share`, which takes less time, the job must not depend on the thread. A thread runs
 in the caller's context, for `np.errstate`. With one thread the caller steps the rows, in order. The
-threads are those of `concurrent.futures`, which the interpreter joins before it exits. They
+threads belong to `concurrent.futures`, so that the interpreter joins them before it exits. They
 start with the first use, and again after a fork or in a copy. No signature names their class, which
 cannot be imported while the interpreter exits.
 """

@@ -124,7 +124,7 @@ def noted(row: int, context: Mapping[str, object]) -> Iterator[None]:
 def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | None:
     """The global random stream that a few steps of an environment draw from, if there is one.
 
-    A stream in an attribute of a class counts. The streams are put back. An error of the
+    A stream in a class attribute counts too. The streams are put back. An error of the
     environment is not raised here, but by the row.
     """
     stream = np.random.RandomState(0)

@@ -307,8 +307,7 @@ class RowsEnvironment(Lockstep):
     def _each(self, job: Callable[[int], object], rows: Sequence[int]) -> RowErrors:
         """Calls `job(row)` for rows; returns the errors.
 
-        All hooks of rows that are stepped in parts run in the caller's thread, those of others in
-        the row's own.
+        Rows that are stepped in parts run in the caller's thread, others in the row's own.
         """
         here = self._in_parts(rows)
         errors = self._threads.each(job, [row for row in rows if row not in here])
@@ -369,8 +368,8 @@ class RowsEnvironment(Lockstep):
     def snapshot(self, rows: RowNumbers = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on.
 
-        Plain environments are saved as `control.Environment.snapshot` does, others, and those that
-        edit their models, as copies.
+        Plain environments are saved as `control.Environment.snapshot` does; other environments, and
+        any that edit their models, as copies.
 
         Raises:
           TypeError: an environment keeps something that cannot be copied.

@@ -44,7 +44,7 @@ class Snapshot:
       physics: the physics' arrays by name, (n, ...) each.
       step_count: steps since each episode began, (n,).
       begins: whether each one's next step begins an episode, (n,).
-      streams: states of each one's `RandomState`s: the task's, and that of randomisation if any.
+      streams: states of each one's `RandomState`s: the task's and, if any, the randomisation's.
       frames: stacks of pictures, by name, (n, ...) each; empty without pixels.
       registration: the suite's record of the domain, whose module is imported by unpickling.
       name: of the task, such as 'humanoid:walk'; empty for one that `suite.load` did not make.

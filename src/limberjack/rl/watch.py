@@ -4,9 +4,9 @@
         task.get_reward(physics)
         watch.changed()         # ["self.last_action"]
 
-An assignment counts even if the value is equal. Other changes, such as those of a list or of an
-object that an attribute holds, are found by comparing values. A `functools.cached_property` does
-not count. Values that cannot be compared, such as those of a C library, go unnoticed.
+An assignment counts even if the value is equal. Other changes, such as within a list or an object
+that an attribute holds, are found by comparing values. A `functools.cached_property` does
+not count. Values that cannot be compared, such as a C library's, go unnoticed.
 
 `QuickWatch` takes a microsecond or two, so that it can watch every hook of every step of a batch.
 It notices attributes of one object that were replaced by other objects, and containers whose
@@ -139,7 +139,7 @@ class QuickWatch:
         self._declared = frozenset(declared)
         self._names: Sequence[str] = ()
         self._values: list[object] = []
-        self._count = -1  # attributes of the object, those that may change included
+        self._count = -1  # attributes of the object, the declared ones included
         self._containers: list[tuple[str, object]] = []
         self._elements: list[tuple[object, ...]] = []
 

@@ -1,6 +1,6 @@
 """Cart-pole: push a cart along a rail to balance a pole, or several in a chain, or swing them up.
 
-The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections

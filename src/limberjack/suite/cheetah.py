@@ -1,7 +1,7 @@
 """Cheetah: a planar body on a back and a front leg runs forward, with six torques.
 
 An episode begins on the ground, after a random pose has come to rest. The reward grows linearly
-with forward speed up to 10 m/s. The task is that of https://arxiv.org/abs/1801.00690.
+with forward speed up to 10 m/s. The task comes from https://arxiv.org/abs/1801.00690.
 """
 
 import collections

@@ -26,7 +26,7 @@ from limberjack.utils.sources import defined_in, hash_of_source, imported
 
 __all__ = ["Factory", "Make", "factory_of"]
 
-# An environment whose first episode is that of its seed.
+# Makes an environment whose first episode belongs to the seed.
 Make = Callable[[int], dm_env.Environment]
 
 
@@ -38,10 +38,8 @@ class Factory:
       title: its name in pictures and messages.
       facts: its identity in results: `domain` and `task`, or `environment` and
         `environment_sha256`.
-      make: an environment whose first episode is that of the seed; raises ValueError if there is no
-        such domain, task or time limit, and TypeError if the function makes something other than
-        an environment.
-      time_limit: seconds per episode of a task of the suite; None for the task's own.
+      make: makes an environment whose first episode belongs to the seed; raises ValueError if there
+        is no such domain, task or time limit, and TypeError if the function makes something else.
     """
 
     title: str

@@ -35,7 +35,7 @@ __all__ = ["LOCAL", "RayTasks"]
 LOCAL = "local"  # in place of an address: Ray on this machine
 
 _RETRIES = 2  # of a unit that has lost its worker: three attempts in all
-_LOOK = 1.0  # seconds between two looks at the nodes
+_LOOK = 1.0  # seconds between two checks of the nodes
 _CONNECT = 10.0  # seconds in which the head of a cluster must answer
 
 _Result = TypeVar("_Result")

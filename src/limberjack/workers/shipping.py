@@ -51,7 +51,7 @@ def ship(policy: object) -> Shipped:
     """A policy that other processes can use, given as to `policies.find`.
 
     Raises:
-      PolicyError: there is none of that name, or other processes cannot import it.
+      PolicyError: no policy has that name, or other processes cannot import it.
     """
     name = policy if isinstance(policy, str) else _name_of(policy)
     if policies.is_saved_model(name):
@@ -86,7 +86,7 @@ def unpack(shipped: Shipped, environment: dm_env.Environment, num_threads: int |
     module = shipped.name.partition(":")[0]
     if module not in sys.modules and not _has(module):
         _import_shipped(module, shipped.source)
-    # Threads of an executor, such as those of a worker of Dask, are not the main one.
+    # An executor, such as Dask's, may play units in a thread that is not the main one.
     is_shared = threading.current_thread() is not threading.main_thread()
     actor = policies.find(shipped.name, environment, num_threads=num_threads, is_shared=is_shared)
     if source_of_module(module) is None:  # imported from what was shipped
