@@ -1,5 +1,6 @@
 """Tests of limberjack.suite.base with a user task."""
 
+import inspect
 from types import SimpleNamespace
 from typing import Any
 
@@ -181,6 +182,15 @@ def test_a_missing_method_of_a_task_is_named() -> None:
     with pytest.raises(NotImplementedError, match="Nothing"):
         Nothing().get_reward(make().physics)
     assert Nothing().start(make().physics) is None
+
+
+def test_options_are_those_of_an_environment() -> None:
+    parameters = list(inspect.signature(control.Environment).parameters)
+    assert parameters[:3] == ["physics", "task", "time_limit"]
+    assert set(base.StepOptions.__annotations__) == set(parameters[3:])
+    # A task sets them itself, unless it keeps the step of its physics.
+    of_the_step = {"control_timestep", "n_sub_steps"}
+    assert set(base.Options.__annotations__) == set(parameters[3:]) - of_the_step
 
 
 def test_the_reward_is_the_product_of_its_terms_unless_a_task_combines_them_otherwise() -> None:

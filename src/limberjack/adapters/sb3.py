@@ -31,7 +31,7 @@ from dm_env import specs
 
 from limberjack import gym
 from limberjack.gym import arguments, attributes
-from limberjack.gym.observations import Observations, action_space
+from limberjack.gym.observations import Info, Observations, action_space
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_contract import Batch
 from limberjack.utils.requirements import missing_extra
@@ -49,8 +49,7 @@ __all__ = ["SavedModel", "SavedPolicy", "VecEnv", "make_vec_env"]
 
 _Indices = int | Iterable[int] | None
 _Observations = np.ndarray | dict[str, np.ndarray]
-# Any: what Gymnasium and SB3 pass by name, of many types.
-_ByName = dict[str, Any]
+_ByName = dict[str, object]
 
 
 class VecEnv(vec_env.VecEnv):
@@ -99,7 +98,7 @@ class VecEnv(vec_env.VecEnv):
     def reset(self) -> _Observations:
         """Begins an episode in every row; returns the observations.
 
-        The options given to `set_options` are those of `gym.Env.reset`, such as `state`.
+        `set_options` takes the options of `gym.Env.reset`, such as `state`.
 
         Raises:
           TypeError, ValueError: an option of a row is unknown or invalid; nothing was reset.
@@ -222,7 +221,7 @@ class VecEnv(vec_env.VecEnv):
                 raise IndexError(f"row is {row}; expected 0 to {self.num_envs - 1}")
         return rows
 
-    def _note_what_was_drawn(self, info: _ByName) -> None:
+    def _note_what_was_drawn(self, info: Info) -> None:
         """Keeps the model fields that were drawn for the rows whose episodes have just begun."""
         drawn = info.get("randomization", {})
         for row in np.flatnonzero(info.get("_randomization", ())):
@@ -261,7 +260,7 @@ def _limited_spec(batch: Batch) -> specs.BoundedArray:
     return specs.BoundedArray(spec.shape, spec.dtype, low, high)
 
 
-def _infos_of_rows(info: _ByName, truncated: np.ndarray) -> list[_ByName]:
+def _infos_of_rows(info: Info, truncated: np.ndarray) -> list[_ByName]:
     """The info of a step, separately for each row."""
     diverged = info["diverged"]
     infos: list[_ByName] = [
@@ -276,7 +275,7 @@ def _infos_of_rows(info: _ByName, truncated: np.ndarray) -> list[_ByName]:
     return infos
 
 
-def _add_terms(infos: list[_ByName], info: _ByName) -> None:
+def _add_terms(infos: list[_ByName], info: Info) -> None:
     """Adds the terms of the reward, and success, to the rows that have them."""
     if "reward_terms" not in info:
         return
@@ -378,7 +377,8 @@ class SavedPolicy:
         return actions
 
 
-def _saved_model(path: Path, content: bytes) -> tuple[_ByName, _ByName]:
+# Any: SB3's own classes, spaces and settings.
+def _saved_model(path: Path, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     """The settings and the networks' parameters in a file of `model.save`."""
     file = io.BytesIO(content)
     if not zipfile.is_zipfile(file):

@@ -77,7 +77,7 @@ def check_options(options: object, *known: str) -> Mapping[str, object]:
 
     Args:
       options: a mapping, or None.
-      known: the names of the options there are.
+      known: the names of the options.
 
     Raises:
       TypeError: they are neither a mapping nor None, or one has another name.
@@ -106,7 +106,7 @@ def reset_mask(
     Args:
       options: of a reset.
       num_envs: number of rows.
-      others: the names of other options there are.
+      others: the names of the other options.
 
     Raises:
       TypeError: it is not an array of booleans, or see `check_options`.

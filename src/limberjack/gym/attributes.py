@@ -12,12 +12,13 @@ declares in EPISODE_ATTRIBUTES is separate for each row. A batch of complete env
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.builds import holder_of
+from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Rows", "are_environments", "call", "get", "has", "set_values"]
@@ -103,14 +104,14 @@ def are_environments(envs: Rows) -> bool:
 
 
 def set_values(envs: Rows, name: str, values: object) -> None:
-    """Set an attribute of rows to a value, or to those of a list or tuple, one for each row.
+    """Set an attribute of rows to a value, or to the items of a list or tuple, one for each row.
 
     A setting of a vectorised task must be equal in all rows, of the same kind as before, and leave
     the specs of observations and actions as they are.
 
     Raises:
       AttributeError: rows have no such attribute, or it cannot be set.
-      ValueError: the number of values differs from that of rows, or a setting differs by row,
+      ValueError: there are not as many values as rows, or a setting differs between rows,
         changes the specs or makes rows differ from single environments; nothing was set.
       TypeError: a value is of another kind than before; nothing was set.
     """
@@ -125,16 +126,17 @@ def set_values(envs: Rows, name: str, values: object) -> None:
             f"all rows share the attribute {name!r}: give it where the environment is made"
         )
     parts = [given[rows] for rows in envs.halves]
-    if are_environments(envs):
-        for batch, part in zip(envs.batches, parts, strict=True):
-            own = [copy.deepcopy(value) for value in part]  # else rows would share an array
-            batch.set_attr(name, own)  # pyright: ignore[reportAttributeAccessIssue]
+    of_environments = [batch for batch in envs.batches if _is_of_environments(batch)]
+    if len(of_environments) == len(envs.batches):
+        for batch, part in zip(of_environments, parts, strict=True):
+            # Copies, since rows must not share an array.
+            batch.set_attr(name, [copy.deepcopy(value) for value in part])
         return
     _set_in_tasks(envs.batches, name, parts)
 
 
 def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int]) -> list[object]:
-    """The results of a method of some rows; for an attribute its values, as Gymnasium has it.
+    """The results of a method of some rows; the values of an attribute, as in Gymnasium.
 
     Raises:
       AttributeError: rows have neither such a method nor such an attribute.
@@ -162,8 +164,8 @@ def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[in
     """The results of a method of some rows of one batch."""
     if _is_of_environments(batch):
         if rows == list(range(batch.num_envs)):
-            return batch.call(name, *args, **kwargs)  # pyright: ignore[reportAttributeAccessIssue]
-        some = [batch.environments[row] for row in rows]  # pyright: ignore[reportAttributeAccessIssue]
+            return batch.call(name, *args, **kwargs)
+        some = [batch.environments[row] for row in rows]
         found = [getattr(holder_of(environment, name), name) for environment in some]
         return [one(*args, **kwargs) if callable(one) else one for one in found]
     if name == "snapshot":
@@ -183,9 +185,9 @@ def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[in
 
 
 def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[object]]) -> None:
-    """Sets an attribute of the tasks of vectorised batches to values of rows, or of none."""
+    """Sets an attribute of the tasks of vectorised batches, given a value for each row."""
     tasks = [_task(batch) for batch in batches]
-    # A setting is checked against all rows, those of the other half included.
+    # A setting must be equal in all rows, also between the halves.
     given = [value for part in parts for value in part]
     new = [
         _rows_of_memory(task, name, part) if name in _memory(task) else _setting(task, name, given)
@@ -215,14 +217,14 @@ def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[
         )
 
 
-def _is_of_environments(batch: Batch) -> bool:
+def _is_of_environments(batch: Batch) -> TypeGuard[RowsEnvironment]:
     return hasattr(batch, "environments")
 
 
 def _of_batch(batch: Batch, name: str) -> list[object]:
     """An attribute of each row of one batch."""
     if _is_of_environments(batch):
-        return list(batch.get_attr(name))  # pyright: ignore[reportAttributeAccessIssue]
+        return batch.get_attr(name)
     count = batch.num_envs
     if name in ("reward_terms", "randomization"):
         by_name: Mapping[str, np.ndarray] = getattr(batch, name)

@@ -29,7 +29,7 @@ from limberjack import suite
 from limberjack.gym import arguments
 from limberjack.gym.observations import AnyObservation, Info, Part, action_space, observations_of
 from limberjack.gym.single import Single
-from limberjack.gym.states import State, state_of_one
+from limberjack.gym.states import state_of_one
 from limberjack.rl import control
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.builds import Build, Make, holder_of
@@ -40,7 +40,7 @@ from limberjack.rl.represented import represented
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["Env", "load"]
+__all__ = ["Env", "check_steps", "load"]
 
 
 class Env(gymnasium.Env):
@@ -52,9 +52,7 @@ class Env(gymnasium.Env):
     has `randomization`, the fields of the model that were drawn, if any are.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
-        "render_modes": arguments.RENDER_MODES
-    }
+    metadata = {"render_modes": arguments.RENDER_MODES}  # noqa: RUF012 (as Gymnasium has it)
 
     @arguments.suggests_names
     def __init__(
@@ -109,10 +107,10 @@ class Env(gymnasium.Env):
             )
         if not math.isnan(self.dt):
             self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
-        # Whether Gymnasium's TimeLimit counts the steps, and its count.
+        # Whether a TimeLimit of Gymnasium counts the steps, and the count that it has.
         self._is_counted_outside = False
         self._counted = 0
-        # The id's length in control steps, where actions are repeated and no other was asked for.
+        # The id's length in control steps, if actions are repeated and no other length is given.
         self._length: int | None = None
         self._spec: EnvSpec | None = None
         self._closed = False
@@ -199,7 +197,7 @@ class Env(gymnasium.Env):
         return True
 
     def reset(
-        self, *, seed: int | None = None, options: Info | None = None
+        self, *, seed: int | None = None, options: Mapping[str, object] | None = None
     ) -> tuple[AnyObservation, Info]:
         """Begin an episode; return its first observation and info.
 
@@ -224,7 +222,8 @@ class Env(gymnasium.Env):
             given = arguments.check_options(options, arguments.STATE).get(arguments.STATE)
             state = state_of_one(given, played)
             number = None if seed is None else checked_seed(seed)
-            _check_length(self, state)
+            if isinstance(state, Snapshot):
+                check_steps(self.actions_of(int(state.step_count[0])), limits)
             if number is not None:  # which may call the user's code, to make the environment
                 played.reseed(number)
         except Exception:
@@ -296,7 +295,7 @@ class Env(gymnasium.Env):
         self._played.restore(snapshot)
         self._counted = self._played._step_count
 
-    def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def render(self) -> np.ndarray | None:
         """A picture of the present state, (height, width, 3) uint8; None without a render mode.
 
         The pictures of a list of cameras are side by side, (height, cameras * width, 3).
@@ -317,13 +316,13 @@ class Env(gymnasium.Env):
 
     __str__ = __repr__  # Gymnasium's wrappers show it within their own
 
-    def _info(self) -> Info:
+    def _info(self) -> dict[str, object]:
         """The terms of the last step's reward, and whether the goal is reached now."""
         terms, success = self._played.reward_terms, self._played.success
         if not terms:
             return {}
-        info: Info = {"reward_terms": {name: float(v) for name, v in terms.items()}}
-        return info if success is None else {**info, "success": success}
+        shown = {name: float(value) for name, value in terms.items()}
+        return {"reward_terms": shown, **({} if success is None else {"success": success})}
 
     def _check_open(self) -> None:
         if self._closed:
@@ -333,7 +332,7 @@ class Env(gymnasium.Env):
 def _played(
     given: dm_env.Environment | Make | Build, action_repeat: int | None
 ) -> control.Environment | Single:
-    """The environment itself if it is plain and its task the suite's; else one that wraps it."""
+    """The environment itself if it is plain and its task the suite's; otherwise a `Single`."""
     env = given.original if isinstance(given, Build) else given
     if not isinstance(env, control.Environment) or difference(env) is not None:
         return Single(given, action_repeat)
@@ -345,17 +344,14 @@ def _played(
     return env
 
 
-def _check_length(env: Env, state: State | None) -> None:
-    """Raise ValueError for a snapshot of a step at which Gymnasium would have ended the episode."""
-    if not isinstance(state, Snapshot):
-        return
-    steps = env.actions_of(int(state.step_count[0]))
-    limits = [limit._max_episode_steps for limit in _time_limits_calling(env)]
-    if limits and steps >= min(limits):
+def check_steps(steps: int, limits: Sequence[TimeLimit]) -> None:
+    """Raise ValueError if Gymnasium would have ended the episode that a snapshot continues."""
+    least = min((limit._max_episode_steps for limit in limits), default=math.inf)
+    if steps >= least:
         raise ValueError(
             f"the snapshot is of step {steps} of an episode, and Gymnasium ends episodes after "
-            f"{min(limits)} steps here: make the environment with a larger max_episode_steps; "
-            "nothing was reset"
+            f"{least} steps here: make the environment with a larger max_episode_steps; nothing "
+            "has changed"
         )
 
 

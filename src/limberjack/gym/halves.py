@@ -1,6 +1,6 @@
 """Two halves of a batch: a worker thread for each, and their results joined.
 
-The threads are those of `concurrent.futures`, which the interpreter joins before it exits, so that
+The threads belong to `concurrent.futures`, which the interpreter joins before it exits, so that
 none is stopped in the middle of a step. They start with the first `send`, and step in turn: each
 half uses all the threads of its batch.
 """
@@ -10,17 +10,18 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import numpy as np
 
 __all__ = ["Workers", "joined"]
 
 _T = TypeVar("_T")  # arrays, or dicts of them
+_R = TypeVar("_R")  # the result of a job
 
 
-class Workers:
-    """A thread for each half; each runs one job at a time, received in the order sent."""
+class Workers(Generic[_R]):
+    """A thread for each half; results are received in the order in which jobs are sent."""
 
     def __init__(self, count: int) -> None:
         """Make `count` workers, without starting their threads."""
@@ -30,7 +31,7 @@ class Workers:
     def _forget(self) -> None:
         self._process = os.getpid()
         self._threads: dict[int, ThreadPoolExecutor] = {}
-        self._sent: collections.deque[tuple[int, Future]] = collections.deque()
+        self._sent: collections.deque[tuple[int, Future[_R]]] = collections.deque()
         self._turn = threading.Lock()
 
     @property
@@ -45,17 +46,16 @@ class Workers:
         if self.busy:
             raise RuntimeError(f"halves {self.busy} were sent: receive them with recv() first")
 
-    def send(self, half: int, job: Callable[..., object], *given: object) -> None:
+    def send(self, half: int, job: Callable[..., _R], *given: object) -> None:
         """Have a half's thread call `job(*given)`."""
         if half in self.busy:
             raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
         if half not in self._threads:
             self._threads[half] = ThreadPoolExecutor(1, f"limberjack-half-{half}")
-        future = self._threads[half].submit(_when_it_is_its_turn, self._turn, job, given)
+        future = self._threads[half].submit(_in_turn, self._turn, job, given)
         self._sent.append((half, future))
 
-    # Any: the result of a job.
-    def receive(self) -> tuple[int, Any]:
+    def receive(self) -> tuple[int, _R]:
         """The half that was sent first, and the result of its job, whose error it raises.
 
         Ctrl-C while it waits loses nothing: the next call waits for the same half.
@@ -81,9 +81,7 @@ class Workers:
         self.__init__(state["count"])
 
 
-def _when_it_is_its_turn(
-    turn: threading.Lock, job: Callable[..., object], given: Iterable[object]
-) -> object:
+def _in_turn(turn: threading.Lock, job: Callable[..., _R], given: Iterable[object]) -> _R:
     with turn:
         return job(*given)
 

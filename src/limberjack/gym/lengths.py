@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import gymnasium
 from gymnasium.wrappers import TimeLimit
 
-from limberjack.gym.env import Env
+from limberjack.gym.env import Env, check_steps
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 
 __all__ = ["UNLIMITED", "asks_for_a_time_limit", "limit_of_batch", "limit_of_single", "restore"]
@@ -62,7 +62,7 @@ def limit_of_batch(
     Args:
       name: of the task, for messages.
       length: of the id, in steps; None for an id without a length.
-      most: `max_episode_steps` as Gymnasium passes it on: the caller's, or that of the id.
+      most: `max_episode_steps` as Gymnasium passes it on: the caller's, or the id's.
       own: the batch's limit as it was loaded.
       is_asked_for: whether the caller gave a time limit.
 
@@ -100,12 +100,8 @@ def restore(env: gymnasium.Env, snapshot: Snapshot) -> None:
         raise TypeError(f"env is {env}; expected an environment of limberjack.gym")
     steps = inner.actions_of(int(as_snapshot(snapshot).step_count[0]))
     limits = _time_limits(env)
-    least = min((limit._max_episode_steps for limit in limits), default=math.inf)
-    if steps >= least and not snapshot.begins[0]:
-        raise ValueError(
-            f"the snapshot is of step {steps} of an episode, and Gymnasium ends episodes after "
-            f"{least} steps here: make the environment with a larger max_episode_steps"
-        )
+    if not snapshot.begins[0]:
+        check_steps(steps, limits)
     inner.restore(snapshot)
     for limit in limits:
         limit._elapsed_steps = steps

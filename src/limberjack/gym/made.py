@@ -18,7 +18,7 @@ __all__ = ["make", "make_vector"]
 _Module = str | registry.NotImportable | None
 
 
-# Any: the arguments of `gym.load`, which checks them; below those of `gym.load_vector`.
+# Any: the arguments of `gym.load`, which checks them.
 def make(
     domain: str, task: str, *, module: _Module = None, steps: int | None = None, **kwargs: Any
 ) -> Env:
@@ -69,7 +69,7 @@ def make_vector(
     module: _Module = None,
     steps: int | None = None,
     max_episode_steps: int | None = None,
-    **kwargs: Any,  # of `gym.load_vector`
+    **kwargs: Any,  # of `gym.load_vector`, which checks them
 ) -> VectorEnv:
     """The vector environment of an id, with episodes of at most `max_episode_steps` steps.
 
@@ -79,7 +79,7 @@ def make_vector(
       num_envs: number of rows.
       module: the dotted name of the domain's module; None for the suite's own.
       steps: the id's length of episodes, if the domain is not the suite's.
-      max_episode_steps: from Gymnasium: the caller's, or that of the id; -1 for no limit.
+      max_episode_steps: from Gymnasium: the caller's, or the id's; -1 for no limit.
       kwargs: of `gym.load_vector`.
 
     Raises:

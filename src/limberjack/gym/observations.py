@@ -45,7 +45,7 @@ _BOUND = mujoco.mjMAXVAL
 Observation = np.ndarray | dict[str, np.ndarray]
 # Any: the same for users, who know which one they asked for.
 AnyObservation = Any
-# Any: as in Gymnasium.
+# Any: as in Gymnasium, whose users know what each name stands for.
 Info = dict[str, Any]
 
 
@@ -60,7 +60,7 @@ class Part(NamedTuple):
 class Observations:
     """The form of observations: dict or flat, and the number type.
 
-    `layout` has the flat array's parts, in its order, which is also that of the dict; `space` is
+    `layout` has the parts of the flat array, in the order of the array and of the dict; `space` is
     the space of one simulation's observation.
     """
 
@@ -74,8 +74,7 @@ class Observations:
         self.flat = flat
         self.layout = _layout({name: tuple(spec.shape) for name, spec in of_one.items()})
         self._size = self.layout[-1].slice.stop if self.layout else 0
-        # Any: a Box or a Dict of Gymnasium's.
-        self.space: Any = self._box((self._size,)) if flat else self._dict_space()
+        self.space: spaces.Space = self._box((self._size,)) if flat else self._dict_space()
 
     def of_one(self, observation: Mapping[str, np.ndarray]) -> Observation:
         """One simulation's observation, in arrays of its own."""
@@ -141,7 +140,7 @@ class PixelObservations(Observations):
         if only:
             self.space = box
             return
-        parts = {STATE_KEY: self.space} if flat else self.space.spaces
+        parts = {STATE_KEY: self.space} if flat else self._dict_space().spaces
         self.space = spaces.Dict(collections.OrderedDict({**parts, PIXELS_KEY: box}))
 
     def of_one(self, observation: Mapping[str, np.ndarray]) -> Observation:
@@ -166,7 +165,7 @@ def observations_of(
 ) -> Observations:
     """The form of observations with these specs.
 
-    They have pictures unless `pixels` is None, or if there are some from a wrapper.
+    They have pictures if `pixels` is given, or if a wrapper adds some.
 
     Raises:
       ValueError: `dtype` is neither float64 nor float32.

@@ -29,7 +29,15 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.action_specs import spec_of
-from limberjack.rl.builds import Build, Make, Seeded, numbers_of
+from limberjack.rl.builds import (
+    Build,
+    Make,
+    Seeded,
+    numbers_of,
+    physics_of,
+    settable,
+    task_name,
+)
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import state_sizes
@@ -44,7 +52,7 @@ from limberjack.utils.arrays import Quantity
 
 __all__ = ["Single"]
 
-_WATCHED_STEPS = 3  # of which edits of the model are noticed, as where a batch is made
+_WATCHED_STEPS = 3  # first steps, in which edits of the model are noticed, as by a batch
 _ANY_SEED = 2**31  # below this lies the seed of an environment that is made without one
 
 _FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
@@ -79,7 +87,7 @@ class Single:
         self._own_limit: float | None = None  # control steps; None for the environment's own
         # An environment that was given and has begun no episode is seeded in place.
         self._is_new = isinstance(given, dm_env.Environment) and self._seeded.is_plain
-        # Whether the task itself does, so that a seed undoes it; edits by hand stay.
+        # Whether the task edits the model, which a seed undoes; a caller's edits stay.
         self._edits_model = False
         self._to_watch = _WATCHED_STEPS
         self._seed: int | None = None
@@ -107,15 +115,10 @@ class Single:
         Raises:
           AttributeError: the environment has none.
         """
-        env = self.environment
-        for one in (env, control_of(env)):
-            physics = getattr(one, "physics", None)
-            if physics is not None:
-                return physics
-        raise AttributeError(
-            f"a {type(env).__name__} has no physics, so it cannot be drawn here; use the "
-            "environment itself"
-        )
+        try:
+            return physics_of(self.environment)
+        except TypeError as error:
+            raise AttributeError(str(error)) from None
 
     def reseed(self, seed: int) -> None:
         """Makes the next episode the first one of a seed.
@@ -185,7 +188,7 @@ class Single:
             if self._steps:
                 return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, self._shown())
             return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, self._shown())
-        env = self._settable()
+        env = settable(self.environment)
         self._is_running = False  # until it is complete
         found = self._taken(env.set_state(state))
         self._is_running = True
@@ -197,13 +200,13 @@ class Single:
         Raises:
           TypeError: it is not a `control.Environment` on a simulation of MuJoCo.
         """
-        return state_sizes(self._settable().physics)
+        return state_sizes(settable(self.environment).physics)
 
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on.
 
-        Plain environments are saved as `control.Environment.snapshot` does, others, and those whose
-        task edits the model, as copies.
+        Plain environments are saved as `control.Environment.snapshot` does; other environments, and
+        any whose task edits the model, as copies.
 
         Raises:
           TypeError: the environment keeps something that cannot be copied.
@@ -213,10 +216,8 @@ class Single:
             return plain.snapshot()
         env = self.environment
         check_copies(env, are_seeded=False)
-        twin, inner = copied(env), control_of(env)
-        saved = Snapshot.of_copy(
-            twin, control_of(twin), getattr(inner, "registration", None), self.name
-        )
+        registration = getattr(control_of(env), "registration", None)
+        saved = Snapshot.of_copy(copied(env), registration, self.name)
         if plain is not None:
             return saved
         return dataclasses.replace(
@@ -241,7 +242,7 @@ class Single:
             plain.restore(snapshot)
             self._set_up()
             return
-        as_snapshot(snapshot).check(Snapshot.origin_of_copy(env, control_of(env)), 1)
+        as_snapshot(snapshot).check(Snapshot.origin_of_copy(env), 1)
         snapshot.check_copies(is_plain=False)
         snapshot.check_length(self._step_limit)
         self._is_running = False  # until it is complete
@@ -263,7 +264,7 @@ class Single:
         self._is_last, self._timed_out = not snapshot.resets.any(), False
 
     def set_attribute(self, name: str, value: object) -> None:
-        """Sets an attribute of the environment or its task, and of those that take their place."""
+        """Sets an attribute of the environment or its task, and of those made for later seeds."""
         self._repeat = self.action_repeat
         self._seeded.set_attribute(name, value)
         self._set_up()
@@ -283,9 +284,7 @@ class Single:
     @property
     def name(self) -> str:
         """The task's name, such as 'humanoid:walk', or that of its class."""
-        inner = control_of(self.environment)
-        task = getattr(inner, "_task", self.environment)
-        return getattr(inner, "_name", "") or type(task).__name__
+        return task_name(self.environment)
 
     @property
     def action_repeat(self) -> int:
@@ -378,8 +377,7 @@ class Single:
     @property
     def _plain(self) -> Environment | None:
         """The environment, if it is plain."""
-        env = self._seeded.environment
-        return env if self._seeded.is_plain and isinstance(env, Environment) else None
+        return self._seeded.plain
 
     def _watched(self, plain: Environment, call: Callable[[], _T]) -> _T:
         """The result of a call of a plain environment, whose task may edit the model."""
@@ -390,7 +388,7 @@ class Single:
         return result
 
     def _look(self) -> None:
-        """Remembers the attributes of a plain environment's task, after its hooks were called."""
+        """Records the attributes of a plain environment's task, after its hooks were called."""
         plain = self._plain
         if plain is None:
             return
@@ -400,7 +398,7 @@ class Single:
         self._task_watch.look()
 
     def _keep_what_was_set(self) -> None:
-        """Keeps attributes of the task that were set between calls: settings, for later seeds too.
+        """Makes attributes of the task that the caller has set since settings for later seeds too.
 
         What hooks set is memory instead, which a seed puts back.
         """
@@ -479,15 +477,6 @@ class Single:
             )
         actions.check_finite(given)
         return given
-
-    def _settable(self) -> Environment:
-        env = self.environment
-        if isinstance(env, Environment):
-            return env
-        raise TypeError(
-            f"a {type(env).__name__} cannot begin in a given state; expected a "
-            "limberjack.rl.control.Environment or a subclass, or a Snapshot; nothing was reset"
-        )
 
 
 def _seeded(given: dm_env.Environment | Make | Build) -> Seeded:

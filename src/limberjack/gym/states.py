@@ -29,7 +29,7 @@ from limberjack.rl.snapshot import Snapshot
 __all__ = ["State", "States", "state_of_one", "states_of_rows"]
 
 State = dict[str, np.ndarray] | Snapshot
-# For some rows each, whose numbers come first, (n,): what to pass to `Batch.set_states`.
+# Row numbers, (n,), and the state of these rows: the arguments of calls of `Batch.set_states`.
 States = list[tuple[np.ndarray, State]]
 
 

@@ -11,16 +11,18 @@ import numpy.typing as npt
 from gymnasium import error
 from gymnasium.vector import AutoresetMode
 
-from limberjack.gym.observations import AnyObservation, Info, Observation, Observations
+from limberjack.gym.observations import Observation, Observations
 from limberjack.gym.states import States
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import check_actions
 from limberjack.utils.arrays import Quantity, any_of
 
-__all__ = ["Info", "Step", "Transitions"]
+__all__ = ["Step", "Transitions"]
+
+_Info = dict[str, object]
 
 # Observation, reward, terminated, truncated, info.
-Step = tuple[AnyObservation, np.ndarray, np.ndarray, np.ndarray, Info]
+Step = tuple[Observation, np.ndarray, np.ndarray, np.ndarray, _Info]
 
 _FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
 
@@ -37,7 +39,7 @@ class Transitions:
           batch: it must not be used elsewhere at the same time.
           mode: the time at which a row whose episode has ended begins the next one.
           observations: the form of the observations.
-          copy: return observations in new arrays each time; else in the same array where that is
+          copy: return observations in new arrays each time; otherwise in one array if that is
             faster.
         """
         self.batch = batch
@@ -48,7 +50,7 @@ class Transitions:
 
     def reset(
         self, seeds: Sequence[int | None], begun: np.ndarray, states: States
-    ) -> tuple[Observation, Info]:
+    ) -> tuple[Observation, _Info]:
         """Begin an episode in the rows of a mask; return observation and info.
 
         Args:
@@ -115,7 +117,7 @@ class Transitions:
                 "options={'reset_mask': mask}; nothing was stepped"
             )
 
-    def _begin_next(self, last: np.ndarray, observation: Observation) -> tuple[Observation, Info]:
+    def _begin_next(self, last: np.ndarray, observation: Observation) -> tuple[Observation, _Info]:
         """Begin the next episode of rows; the info has the last observation of the old one."""
         ended = np.flatnonzero(last)
         final = np.full(len(last), None, object)
@@ -129,7 +131,7 @@ class Transitions:
         observation = self._in_form(self.batch.reset(ended).observation)
         return observation, info | self._drawn(last)
 
-    def _drawn(self, begun: np.ndarray) -> Info:
+    def _drawn(self, begun: np.ndarray) -> _Info:
         """The model's fields that were drawn for the episodes that rows have begun."""
         drawn = self.batch.randomization
         if not drawn or not any_of(begun):
@@ -137,7 +139,7 @@ class Transitions:
         values = _with_masks({name: values.copy() for name, values in drawn.items()}, begun)
         return {"randomization": values, "_randomization": begun.copy()}
 
-    def _terms(self, rows: np.ndarray) -> Info:
+    def _terms(self, rows: np.ndarray) -> _Info:
         """The terms of the last step's reward, and whether the goal is reached, in some rows.
 
         Args:
@@ -154,7 +156,7 @@ class Transitions:
             name: values if all_rows and _is_own(values) else np.where(rows, values, 0.0)
             for name, values in terms.items()
         }
-        info: Info = {"reward_terms": _with_masks(shown, rows), "_reward_terms": rows}
+        info: _Info = {"reward_terms": _with_masks(shown, rows), "_reward_terms": rows}
         success = batch.success
         if success is not None:
             info |= {"success": success & rows, "_success": rows}

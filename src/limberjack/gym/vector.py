@@ -53,6 +53,8 @@ from limberjack.rl.represented import represented
 __all__ = ["VectorEnv", "load_vector"]
 
 _T = TypeVar("_T")
+# Observation, reward, terminated, truncated, info.
+_AnyStep = tuple[AnyObservation, np.ndarray, np.ndarray, np.ndarray, Info]
 
 
 class VectorEnv(gymnasium_vector.VectorEnv):
@@ -66,9 +68,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     mask of the rows that it is valid for, `_success` and so on, as in Gymnasium.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
-        "render_modes": arguments.RENDER_MODES
-    }
+    metadata = {"render_modes": arguments.RENDER_MODES}  # noqa: RUF012 (as Gymnasium has it)
     _spec: EnvSpec | None = None
     closed = True  # until it is made: Gymnasium closes an open one, even if making it failed
 
@@ -116,7 +116,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             batch.first_row = rows.start
         self._set_spaces(flat, dtype)
         self._parts = [Transitions(batch, mode, self._observations, copy) for batch in batches]
-        self._workers = Workers(len(batches))
+        self._workers: Workers[Step] = Workers(len(batches))
         self._was_reset = False
         self.metadata = {**self.metadata, "autoreset_mode": mode}
         if not math.isnan(self.dt):
@@ -149,7 +149,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     # Gymnasium's own vector environments take sequences of seeds as well.
-    def reset(  # pyright: ignore[reportIncompatibleMethodOverride]
+    def reset(
         self,
         *,
         seed: SupportsIndex | Sequence[SupportsIndex | None] | None = None,
@@ -189,7 +189,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         observations, infos = [seen for seen, _ in results], [info for _, info in results]
         return self._joined(observations), self._joined(infos)
 
-    def step(self, actions: npt.ArrayLike) -> Step:
+    def step(self, actions: npt.ArrayLike) -> _AnyStep:
         """Step every row; return observations, rewards, terminated, truncated and info.
 
         Raises:
@@ -209,7 +209,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
                 f"actions have shape {np.shape(actions)}; expected {self.action_space.shape}: one "
                 "row for each environment"
             )
-        # All of them are checked before any row is stepped.
+        # All actions are checked before any row is stepped.
         halves = zip(self._parts, self.halves, strict=True)
         checked = [part.checked(np.asarray(actions)[rows]) for part, rows in halves]
         steps: list[Step] = []
@@ -250,7 +250,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         part = self._parts[half]
         self._workers.send(half, part.step, part.checked(actions))
 
-    def recv(self) -> Step:
+    def recv(self) -> _AnyStep:
         """Wait for the half that was sent first; return the result of `step` for its rows.
 
         `info["env_id"]` has the numbers of the rows.
@@ -260,9 +260,9 @@ class VectorEnv(gymnasium_vector.VectorEnv):
           PhysicsError: as `step`.
         """
         self._check_open()
-        half, (*step, info) = self._workers.receive()
+        half, step = self._workers.receive()
         rows = self.halves[half]
-        return *step, {**info, "env_id": np.arange(rows.start, rows.stop)}
+        return *step[:4], {**step[4], "env_id": np.arange(rows.start, rows.stop)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """A picture of each row's present state, (height, width, 3) uint8; None without a mode.

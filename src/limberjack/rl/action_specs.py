@@ -127,7 +127,7 @@ def _effect(task: Task, physics: Physics) -> Callable[[np.ndarray], bytes]:
     """A function from an action to the state after `before_step` at an episode's start."""
     trial = copy.deepcopy(physics)
     begun = copy.deepcopy(task)
-    begun._random = np.random.RandomState(0)  # pyright: ignore[reportAttributeAccessIssue]
+    begun._random = np.random.RandomState(0)
     with trial.reset_context():
         begun.initialize_episode(trial)
     simulation = getattr(trial, "simulation", None)

@@ -30,6 +30,7 @@ from limberjack.mujoco.replicas import Replicas
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl import control, guards, observations
 from limberjack.rl.action_specs import bounded_spec
+from limberjack.rl.batch_contract import Lockstep, RowNumbers
 from limberjack.rl.batch_errors import NotVectorised
 from limberjack.rl.batch_safety import (
     check_batch_safe,
@@ -37,34 +38,32 @@ from limberjack.rl.batch_safety import (
     check_plain,
     is_proved,
 )
-from limberjack.rl.contract import Nested, Task
+from limberjack.rl.contract import Task
 from limberjack.rl.copies import check_copies
 from limberjack.rl.endings import Counter, Repeated
 from limberjack.rl.episode_attributes import EpisodeAttributes, check_declared
-from limberjack.rl.given_state import checked_states, state_sizes
+from limberjack.rl.given_state import state_sizes
 from limberjack.rl.memory import Memory, remembered
-from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
+from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Randomizer, show_drawn
 from limberjack.rl.represented import Description, represented
-from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.rl.streams import Streams
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
-from limberjack.utils.log import log
 
 __all__ = ["BatchEnvironment"]
 
-_Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 _LAST = int(dm_env.StepType.LAST)
 
 
-class BatchEnvironment:
+class BatchEnvironment(Lockstep):
     """Episodes of a task on a batch of simulations; see the module's docstring."""
 
-    # The reason why rows are not vectorised: none, as these are. See `Batch`.
+    # See `Batch`: the rows of this class are vectorised.
     why_rows: str | None = None
     registration: object = None  # see `control.Environment`
     _name = ""  # see `control.Environment`
@@ -104,7 +103,6 @@ class BatchEnvironment:
           ValueError: the task is not batch-safe, or `on_divergence` is neither of the two.
         """
         self.num_envs: int = replicas.num_envs
-        self.first_row = 0  # number of the first row in messages; not 0 for the half of a batch
         self._replicas = replicas
         self._task = task
         self._n_sub_steps = n_sub_steps
@@ -138,7 +136,8 @@ class BatchEnvironment:
         if not proved:
             check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
         self._memory = EpisodeAttributes(task, self.num_envs, proved)
-        # What rows observed last, as far as known: for a task that may remember that it was asked.
+        # Each row's last observation, and whether it is known. A row that is not stepped shows it
+        # again, since a task that remembers may answer differently when it is asked again.
         self._observed: MutableMapping[str, np.ndarray] = {}
         self._has_observed = np.zeros(self.num_envs, bool)
         self._begin_streams(range(self.num_envs))
@@ -215,7 +214,7 @@ class BatchEnvironment:
         return batch
 
     def reset(
-        self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
+        self, ids: RowNumbers = None, seeds: Sequence[int | None] | None = None
     ) -> dm_env.TimeStep:
         """Begins an episode in all rows or in those given; returns the time step of all rows.
 
@@ -226,7 +225,7 @@ class BatchEnvironment:
           seeds: for each row to reset, a seed whose first episode it begins, or None to continue
             the row's random stream.
         """
-        rows = self._rows(ids)
+        rows = self._numbers(ids)
         streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             self._replicas.check()
@@ -245,7 +244,7 @@ class BatchEnvironment:
         """Make every row begin an episode with the next step, in the middle of one too."""
         self._begins[:] = True
 
-    def step(self, actions: Nested) -> dm_env.TimeStep:
+    def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
         """Applies an action in every row and returns the batched `TimeStep`.
 
         Args:
@@ -330,10 +329,10 @@ class BatchEnvironment:
         return total.time_step()
 
     def _simulate(self, active: np.ndarray | None) -> np.ndarray | None:
-        """Steps the simulations of a mask of rows, None for all, and tells the task.
+        """Steps the simulations of a mask of rows, None for all, and calls `after_step`.
 
         Returns:
-          A mask of those that did not diverge, (num_envs,); None if the task remembers nothing.
+          A mask of the rows that did not diverge, (num_envs,); None if the task remembers nothing.
         """
         running = None if active is None else np.flatnonzero(active)
         self.diverged = self._replicas.step(running, self._n_sub_steps)
@@ -349,21 +348,21 @@ class BatchEnvironment:
         return stepped
 
     def _reward(self, rows: np.ndarray | None) -> tuple[Quantity, dict[str, Quantity]]:
-        """The rewards and their terms, which count for a mask of rows."""
+        """The rewards and their terms; the task remembers the call in a mask of rows only."""
         physics = self._replicas.physics
         with self._memory.during("get_reward", physics, rows):
             return reward_and_terms(self._task, physics)
 
     def _termination(self, rows: np.ndarray | None) -> Quantity | None:
-        """The task's termination, which counts for those of a mask of rows that go on."""
+        """The task's termination; it remembers the call in masked rows before the limit only."""
         physics = self._replicas.physics
         going_on = None if rows is None else rows & ~self._counter.reach_limit
         with self._memory.during("get_termination", physics, going_on):
             return self._task.get_termination(physics)
 
-    def snapshot(self, rows: _Rows = None) -> Snapshot:
+    def snapshot(self, rows: RowNumbers = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on."""
-        rows = self._rows(rows)
+        rows = self._numbers(rows)
         with self._use:
             return Snapshot(
                 self._origin,
@@ -378,7 +377,7 @@ class BatchEnvironment:
                 limits=self._limits(rows),
             )
 
-    def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
+    def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
         """Continues the batch, or some rows, from a snapshot, bit for bit.
 
         Args:
@@ -389,9 +388,9 @@ class BatchEnvironment:
           ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
             damaged, or contains an episode at or beyond the step limit; nothing was restored.
 
-        A row whose saved state is invalid diverges with the next step, as the saved row would.
+        A row whose saved state is invalid diverges in the next step, as the saved row would.
         """
-        rows = self._rows(rows)
+        rows = self._numbers(rows)
         as_snapshot(snapshot).check(self._origin, len(rows))
         snapshot.check_arrays(
             self._replicas.single.simulation.save(None, self._saved_fields),
@@ -426,45 +425,17 @@ class BatchEnvironment:
         saved = self._replicas.simulation.save(None, self._saved_fields)
         return {name: saved[name] for name in self._saved_fields}
 
-    def set_states(
-        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
-    ) -> dm_env.TimeStep:
-        """Continues the episodes that `reset` has just begun in rows from given states.
+    def _step_counts(self) -> np.ndarray:
+        return self._counter.steps
 
-        Args:
-          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
-            snapshot of n environments. See `control.Environment.set_state`.
-          rows: sorted row numbers or a mask; None for all.
-
-        Returns:
-          The time step of all rows, as `reset` does.
-
-        Raises:
-          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`, or the
-            snapshot does not fit, see `restore`; nothing was set.
-          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
-        """
-        rows = self._rows(rows)
-        if isinstance(states, Snapshot):
-            self.restore(states, rows)
-            return self.reset([])
-        numbers = rows + self.first_row
-        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
-        with self._use, arrays.rows_of_a_batch(self.num_envs):
-            late = numbers[self._begins[rows] | (self._counter.steps[rows] > 0)].tolist()
-            if late:
-                raise RuntimeError(
-                    f"no episode has just begun in rows {late}: call reset(rows) before "
-                    "set_states()"
-                )
-            self._begins[rows] = True  # until it is complete
-            for name, values in checked.items():
+    def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
+        with arrays.rows_of_a_batch(self.num_envs):
+            for name, values in states.items():
                 getattr(self._replicas.physics.data, name)[rows] = values
             self._replicas.start(rows)
             if self._frames is not None:
                 self._frames.forget(rows)
             observation = self._observe(self._mask(rows), is_step=False)
-            self._begins[rows] = False
         return self._counter.shown(observation)
 
     def state_sizes(self) -> dict[str, int]:
@@ -472,16 +443,8 @@ class BatchEnvironment:
         self._use.check()
         return state_sizes(self._replicas.single)
 
-    def copy_row(self, source: int, target: int) -> None:
-        """Makes row `target` a copy of row `source`, including its random stream."""
-        self.restore(self.snapshot([source]), [target])
-
-    def close(self) -> None:
-        """Frees the batch, which then raises if used; may be called repeatedly."""
-        if self._use.what_is_wrong is None:
-            with self._use:
-                self._replicas.free()
-            self._use.what_is_wrong = "this batch is closed: create a new one"
+    def _free(self) -> None:
+        self._replicas.free()
 
     def check_task(self) -> None:
         """Checks again that the task, whose settings have changed, is batch-safe.
@@ -515,9 +478,10 @@ class BatchEnvironment:
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
         return {**kept, "making": making, "snapshot": self.snapshot()}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type
-        snapshot = state.pop("snapshot")
-        single, num_envs, num_threads = state.pop("making")
+    def __setstate__(self, state: dict[str, object]) -> None:
+        snapshot, making = as_snapshot(state.pop("snapshot")), state.pop("making")
+        assert isinstance(making, tuple)
+        single, num_envs, num_threads = making
         vars(self).update(state)
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
@@ -526,18 +490,10 @@ class BatchEnvironment:
         self.restore(snapshot)
         self.diverged, self._has_observed = diverged, has_observed
 
-    def _rows(self, ids: _Rows) -> np.ndarray:
-        """Sorted row numbers from row numbers, a mask, or None for all."""
-        return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
-
     @functools.cached_property
     def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
         return origin_of(self._task, self._replicas.physics, self._saved_fields, pixels)
-
-    def action_spec(self) -> specs.BoundedArray:
-        """The spec of the actions of all rows, (num_envs, ...)."""
-        return self._action_spec
 
     def single_action_spec(self) -> specs.BoundedArray:
         """The spec of one row's action."""
@@ -548,14 +504,6 @@ class BatchEnvironment:
         with arrays.rows_of_a_batch(self.num_envs):
             spec = observations.specs_of(self._state(self._mask([])))
         return spec if self._frames is None else self._frames.spec_with(spec)
-
-    def reward_spec(self) -> specs.Array:
-        """The spec of the rewards, (num_envs,)."""
-        return specs.Array((self.num_envs,), float, name="reward")
-
-    def discount_spec(self) -> specs.BoundedArray:
-        """The spec of the discounts, (num_envs,)."""
-        return specs.BoundedArray((self.num_envs,), float, 0.0, 1.0, name="discount")
 
     @property
     def step_limit(self) -> float:
@@ -569,20 +517,10 @@ class BatchEnvironment:
             self._counter.limits = np.full(self.num_envs, limit)
         self._counter.step_limit = limit
 
-    @property
-    def action_repeat(self) -> int:
-        """Control steps per action."""
-        return self._action_repeat
-
     def draw_every(self, steps: int) -> None:
         """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
         if self._frames is not None:
             self._frames.interval = guards.at_least_one("steps", steps)
-
-    @property
-    def begins(self) -> np.ndarray:
-        """Mask of rows whose next step begins an episode, (num_envs,)."""
-        return self._begins.copy()
 
     @property
     def timed_out(self) -> np.ndarray:
@@ -593,9 +531,8 @@ class BatchEnvironment:
     def success(self) -> np.ndarray | None:
         """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
         terms = self.reward_terms if self._action_repeat == 1 else self._last_terms
-        if not terms or not getattr(self._task, "GOAL", ()):
-            return None  # tasks need not be subclasses of `base.Task`
-        return self._task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
+        success = success_of(self._task, terms)
+        return None if success is None else np.asarray(success)
 
     @property
     def name(self) -> str:
@@ -607,20 +544,8 @@ class BatchEnvironment:
         self._use.check()
         return self._replicas.single.timestep() * self._n_sub_steps
 
-    def render(self, rows: _Rows = None, **kwargs: object) -> np.ndarray:
-        """Pictures of all rows or some, (n, height, width, 3) uint8.
-
-        Args:
-          rows: sorted row numbers or a mask of (num_envs,); None for all.
-          kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
-            The pictures of a list of cameras are joined side by side.
-
-        Raises:
-          ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
-        """
-        with self._use:
-            draw = functools.partial(self._replicas.render_rows, self._rows(rows))
-            return render_cameras(draw, render_arguments(kwargs), axis=2)
+    def _draw(self, rows: np.ndarray, **kwargs: object) -> np.ndarray:
+        return self._replicas.render_rows(rows, **kwargs)
 
     @property
     def physics(self) -> Any:  # of the domain's own class
@@ -658,7 +583,7 @@ class BatchEnvironment:
                 self._counter.limits[row] = limit
 
     def _begin_streams(self, rows: Iterable[int]) -> None:
-        """Draws what belongs to the new streams of rows."""
+        """Draws from the rows' new streams: the length of a first episode, and model fields."""
         if self._stagger is not None:  # before the task draws from the streams
             for row in rows:
                 self._stagger.draw(row, self._streams.own[row])
@@ -696,7 +621,7 @@ class BatchEnvironment:
         return state if frames is None else frames.observe(self._replicas, state, is_step)
 
     def _state(self, rows: np.ndarray | None) -> MutableMapping[str, np.ndarray]:
-        """The task's observations, without pictures, which count for a mask of rows."""
+        """The observations, without pictures; the task remembers them in a mask of rows only."""
         physics = self._replicas.physics
         with self._memory.during("get_observation", physics, rows):
             observation = self._task.get_observation(physics)
@@ -746,12 +671,6 @@ class BatchEnvironment:
         if len(observation) != len(forms):
             missing = [name for name in forms if name not in observation]
             raise ValueError(f"get_observation of task {task} lacks {missing}, unlike before")
-
-    def _report_divergence(self) -> None:
-        rows = (np.flatnonzero(self.diverged) + self.first_row).tolist()
-        if self._raises:
-            raise control.PhysicsError(f"the simulations of rows {rows} diverged")
-        log.warning("the simulations of rows %s diverged; their episodes end here", rows)
 
 
 def _copy_of(env: control.Environment) -> Task:

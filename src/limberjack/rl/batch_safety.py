@@ -5,18 +5,19 @@
 A few rows begin from different starts and take random actions for some steps, in lockstep with
 single simulations in the same states. Observation, reward, its terms, success, termination and
 state of each row are compared with the single simulation's, value by value, and the single
-simulation's model is checked for changes. So is what the methods of the task's physics return,
-because a sparse reward is 0 for a wrong distance too. Everything runs on copies of the task and the
-physics. The task's random stream is reset to the same position before each evaluation on either
+simulation's model is checked for changes. The results of the physics' methods are compared too,
+because a sparse reward is 0 for a wrong distance as well. Everything runs on copies of the task and
+the physics. The task's random stream is reset to the same position before each evaluation on either
 side.
 
-A hook must not change the task, its physics or a class of theirs, nor draw from a random stream:
-the rows would share what single environments have for themselves. What a start writes counts too.
-What the task declares in EPISODE_ATTRIBUTES is kept for each row.
+A hook or a start must not change the task, its physics or their classes, and a hook must not draw
+from a random stream: all rows would share the change, while each single environment has its own.
+Attributes declared in EPISODE_ATTRIBUTES are kept for each row, and may change.
 
-The rows are compared once more some steps later, when one row has begun another episode and another
-row was left out. The suite's own tasks skip the check, which a test makes for all of them. What
-changes only in later steps is found by `BatchEnvironment` as it happens, if at all.
+The rows are compared once more a few steps later, after one row has begun another episode and
+another row has not been stepped. The suite's own tasks skip the check, which a test makes for all
+of them. A change that a task makes only in later steps is found by `BatchEnvironment` as it
+happens, if at all.
 """
 
 import contextlib
@@ -38,7 +39,7 @@ from limberjack.rl.episode_attributes import EpisodeAttributes, advice
 from limberjack.rl.episode_values import declared, keep_own, values_of
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
-from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.shared_streams import fingerprint, put_back_after
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.rl.watch import Watch
@@ -50,9 +51,9 @@ __all__ = ["check_batch_safe", "check_episode_fields", "check_plain", "is_proved
 _MAX_ROWS = 4  # number of starts that covers the kinds of starts of most tasks
 _MIN_ROWS = 2  # with one row, wrong slices and norms cannot be distinguished from correct ones
 _STEPS = 3  # control steps; a touch sensor reports the first step only in the second
-_MORE_STEPS = 4  # before the second look
-_LOOKS = 1 + _STEPS + 1  # at the start, after each step, and once more later
-_BEGINS_AGAIN, _LEFT_OUT = 1, 2  # rows, between the first looks and the last one
+_MORE_STEPS = 4  # before the last comparison
+_LOOKS = 1 + _STEPS + 1  # comparisons: at the start, after each step, and once more later
+_BEGINS_AGAIN, _LEFT_OUT = 1, 2  # rows, in the steps before the last comparison
 _SECOND_START = 100  # seed of the second episode of the row that begins again
 _LARGE = 1_000_000  # bytes; larger fields are compared once, not after each start
 
@@ -171,7 +172,7 @@ class _Trial:
         self._name = type(task).__name__
         self._task: Task = _copied(task)
         self._declared = declared(task)
-        # What rows remember at their start, and the row that begins again at its second one.
+        # The values of EPISODE_ATTRIBUTES at each row's start, and at the second start of a row.
         self._starts: list[dict[str, object]] = [{} for _ in range(num_rows)]
         self._measured = [measurements_of(each) for each in (self._rows.single, self._rows.physics)]
         self._stream = np.random.RandomState(0)
@@ -232,7 +233,7 @@ class _Trial:
         """Begins an episode of a seed; returns its simulation, and checksums of its model."""
         rows = self._rows
         stream = np.random.RandomState(seed)
-        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
+        task._random = stream
         with Watch(task, rows.single, self._declared) as watch:
             set_stream_fields(task, stream, rows.simulation, row)
             self._check_memory(watch, "begin_stream")
@@ -241,7 +242,7 @@ class _Trial:
         with rows.episode(row) as one:
             values = self._values(one)
             with Watch(task, one, self._declared) as watch:
-                task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
+                task.initialize_episode(one)
                 self._check_memory(watch, "initialize_episode")
             keep_own(task, self._declared)
             self._check_global_stream("initialize_episode")
@@ -257,12 +258,12 @@ class _Trial:
         watch: Watch | None = None,
     ) -> None:
         self._rewind(task)
-        task.before_step(action.copy(), one)  # pyright: ignore[reportArgumentType]
+        task.before_step(action.copy(), one)
         keep_own(task, self._declared)
         self._check_hook(watch, "before_step")
         one.step(n_sub_steps)
         self._rewind(task)
-        task.after_step(one)  # pyright: ignore[reportArgumentType]
+        task.after_step(one)
         self._check_hook(watch, "after_step")
 
     def play_together(
@@ -303,10 +304,10 @@ class _Trial:
         self._rewind(task)
         steps = None if running is None else np.isin(np.arange(self._num_rows), running)
         with self._hook("before_step", rows=steps):
-            task.before_step(action.copy(), rows.physics)  # pyright: ignore[reportArgumentType]
+            task.before_step(action.copy(), rows.physics)
         rows.step(running, n_sub_steps)
         with self._hook("after_step", rows=steps):
-            task.after_step(rows.physics)  # pyright: ignore[reportArgumentType]
+            task.after_step(rows.physics)
 
     def _seen(
         self,
@@ -340,9 +341,10 @@ class _Trial:
             self._check_hook(watch, "get_reward")
             seen["the reward"] = reward
             seen |= {f"reward term {name!r}": value for name, value in terms.items()}
-            if terms and getattr(task, "GOAL", ()):
-                with explained("is_success", self._name, self._num_rows, is_batch):
-                    seen["is_success"] = task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
+            with explained("is_success", self._name, self._num_rows, is_batch):
+                success = success_of(task, terms)
+            if success is not None:
+                seen["is_success"] = success
         self._rewind(task)
         with self._hook("get_observation", is_batch, expected=list(expected or ())):
             observation = task.get_observation(read)
@@ -485,7 +487,7 @@ class _Trial:
         """Resets the task's random stream to the same state."""
         if fingerprint(self._stream) != self._unused:
             self._stream.set_state(self._stream_state)
-        task._random = self._stream  # pyright: ignore[reportAttributeAccessIssue]
+        task._random = self._stream
 
 
 def _check_returned(task: str, seen: Mapping[str, object]) -> None:

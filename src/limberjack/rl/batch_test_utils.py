@@ -9,13 +9,13 @@ episodes end and begin during a test.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import dm_env
 import numpy as np
 
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.control import Environment
 
 __all__ = ["BatchEnvironmentTestMixin"]
 
@@ -30,7 +30,7 @@ class BatchEnvironmentTestMixin:
     num_steps = 40
     seed = 7
 
-    def make_single(self, seed: int) -> Any:  # an environment of any package
+    def make_single(self, seed: int) -> Environment:
         """The single environment that row `seed - self.seed` of a batch must equal."""
         raise NotImplementedError(f"{type(self).__name__} does not define make_single(seed)")
 

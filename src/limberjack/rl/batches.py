@@ -102,7 +102,7 @@ def batch_of(
 
 
 def vectorisable(env: object) -> Environment:
-    """The environment itself, for code that does not play rows.
+    """The environment itself, for code that supports no other kind.
 
     Raises:
       ValueError: it has methods or attributes of its own, or its task cannot be vectorised, as one

@@ -14,7 +14,7 @@ belong to it are drawn again, and what its task remembers is put back. Any other
 import copy
 import inspect
 from collections.abc import Callable, Mapping
-from typing import cast
+from typing import Any, cast
 
 import dm_env
 import numpy as np
@@ -34,10 +34,13 @@ __all__ = [
     "is_stable",
     "numbers_of",
     "parts_of",
+    "physics_of",
+    "settable",
     "takes_a_seed",
+    "task_name",
 ]
 
-# Makes an environment whose first episode is that of its seed.
+# Makes an environment whose first episode belongs to its seed.
 Make = Callable[..., dm_env.Environment]
 
 _OTHER_SEED = 1  # added to a seed, to compare what a function makes of two
@@ -146,7 +149,7 @@ class _Refusal:
 
 
 class _Copies:
-    """Makes copies of an environment, which takes another seed."""
+    """Makes copies of an environment, each with another seed."""
 
     def __init__(self, original: dm_env.Environment) -> None:
         self._original = original
@@ -191,14 +194,19 @@ class Seeded:
         self.is_plain = difference(self.environment) is None
         self._first: Memory = {}
         self._numbers: object = None  # of the model
-        if self.is_plain and is_stable is not False:
-            env = self.environment
-            assert isinstance(env, Environment)
-            self._numbers = numbers_of(env)
+        plain = self.plain
+        if plain is not None and is_stable is not False:
+            self._numbers = numbers_of(plain)
             try:
-                self._first = remembered(env.task, env.physics)
+                self._first = remembered(plain.task, plain.physics)
             except TypeError:  # an attribute cannot be copied: made again for each seed
                 self._is_stable = False
+
+    @property
+    def plain(self) -> Environment | None:
+        """The environment if it is plain; None otherwise."""
+        env = self.environment
+        return env if self.is_plain and isinstance(env, Environment) else None
 
     def begin(self, seed: int, keeps_model: bool = False) -> None:
         """Makes the next episode the first one of a seed.
@@ -212,18 +220,19 @@ class Seeded:
           TypeError: the environment must be made again, and cannot be copied; nothing has changed.
           Exception: any that `build` raises; nothing has changed.
         """
-        env = self.environment
-        if self.is_plain and self._is_stable is None:
+        plain = self.plain
+        if plain is not None and self._is_stable is None:
             self._is_stable = is_stable(self._build, seed)
-        if self.is_plain and self._is_stable and (keeps_model or self._has_first_model()):
-            assert isinstance(env, Environment)
-            put_back(self._first, env.task, env.physics)
-            env.reseed(seed)
+        # A model that has other numbers than at first, except for declared fields, is made again.
+        is_kept = plain is not None and self._is_stable
+        if plain is not None and is_kept and (keeps_model or numbers_of(plain) == self._numbers):
+            put_back(self._first, plain.task, plain.physics)
+            plain.reseed(seed)
             return
         made = self._build.make(seed, self._context)
         for name, value in self.attributes.items():
             setattr(holder_of(made, name), name, copy.deepcopy(value))
-        env.close()
+        self.environment.close()
         self.environment = made
 
     def replace(self, env: dm_env.Environment) -> None:
@@ -232,14 +241,8 @@ class Seeded:
         self.environment = env
         self.is_plain = difference(env) is None
 
-    def _has_first_model(self) -> bool:
-        """Whether the model has the numbers that it was made with, except for declared fields."""
-        env = self.environment
-        assert isinstance(env, Environment)
-        return numbers_of(env) == self._numbers
-
     def set_attribute(self, name: str, value: object) -> None:
-        """Sets an attribute of the environment or its task, and of those that take their place."""
+        """Sets an attribute of the environment or its task, and of those made for later seeds."""
         inner = control_of(self.environment)
         task = getattr(inner, "_task", None)
         before = attributes_of(task)
@@ -247,7 +250,7 @@ class Seeded:
         self.attributes[name] = value
         if isinstance(inner, Environment):
             inner.keep_as_first(name)
-        if "task" in self._first:  # which a reset with a seed puts back
+        if "task" in self._first:  # whose values a reset with a seed puts back
             # A property may set attributes of other names.
             is_set = {
                 one: copy.deepcopy(kept)
@@ -262,6 +265,39 @@ def holder_of(env: dm_env.Environment, name: str) -> object:
     """The environment, or its task if only that has the attribute."""
     task = getattr(control_of(env), "_task", None)
     return task if hasattr(task, name) and not hasattr(env, name) else env
+
+
+def task_name(env: dm_env.Environment) -> str:
+    """The name of an environment's task, such as 'humanoid:walk', or else its class."""
+    inner = control_of(env)
+    return getattr(inner, "_name", "") or type(getattr(inner, "_task", env)).__name__
+
+
+def physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
+    """The physics of an environment, or of the `control.Environment` within it.
+
+    Raises:
+      TypeError: it has none.
+    """
+    for one in (env, control_of(env)):
+        physics = getattr(one, "physics", None)
+        if physics is not None:
+            return physics
+    raise TypeError(f"a {type(env).__name__} has no physics to draw: use the environment itself")
+
+
+def settable(env: dm_env.Environment) -> Environment:
+    """The environment, if its state can be set.
+
+    Raises:
+      TypeError: it cannot.
+    """
+    if isinstance(env, Environment):
+        return env
+    raise TypeError(
+        f"a {type(env).__name__} cannot begin in a given state; expected a "
+        "limberjack.rl.control.Environment or a subclass, or a Snapshot; nothing was reset"
+    )
 
 
 def is_stable(build: Build, seed: int) -> bool:

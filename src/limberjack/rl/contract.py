@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.utils.arrays import Quantity
 
@@ -54,7 +55,7 @@ class Physics(abc.ABC):
     def timestep(self) -> float:
         """Length of one time step, seconds."""
 
-    def set_control(self, control: Nested) -> None:
+    def set_control(self, control: npt.ArrayLike) -> None:
         """Sets the control signals of the actuators."""
         raise NotImplementedError(f"{type(self).__name__} does not define set_control")
 
@@ -107,13 +108,11 @@ class Drawn(Protocol):
         """Number of rows; None for a single simulation."""
         ...
 
-    # Keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
-    def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
-        """Pictures of rows; None for all."""
+    def render_rows(self, rows: np.ndarray | None, **kwargs: object) -> np.ndarray:
+        """Pictures of rows, None for all; `kwargs` as of `limberjack.mujoco.Physics.render`."""
         ...
 
-    # Any: each keyword has its own type.
-    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+    def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of the picture of one row."""
         ...
 
@@ -202,7 +201,7 @@ class Task(abc.ABC, Generic[_Physics]):
     def action_spec(self, physics: _Physics) -> Nested:
         """A `dm_env.specs.BoundedArray` of valid actions, or a nested structure of them."""
 
-    def step_spec(self, physics: _Physics) -> Nested:
+    def step_spec(self, physics: _Physics) -> object:
         """A spec of the result of `step`; optional."""
         raise NotImplementedError(f"{type(self).__name__} does not define step_spec")
 

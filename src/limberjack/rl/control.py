@@ -34,7 +34,6 @@ from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import (
     check_copies,
-    control_of,
     copied,
     difference,
     exact_copies,
@@ -49,7 +48,7 @@ from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import Description, represented
-from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
 from limberjack.rl.streams import stream_of
@@ -251,7 +250,7 @@ class Environment(dm_env.Environment):
             return False
         return getattr(self._physics, "can_step_in_parts", False)
 
-    def _begin_control_step(self, action: Nested, number: int) -> None:
+    def _begin_control_step(self, action: object, number: int) -> None:
         """Begins a control step of an action, by its number: 0, or more if actions are repeated."""
         task = self._task
         task.before_step(action, self._physics)
@@ -282,7 +281,7 @@ class Environment(dm_env.Environment):
         return dm_env.TimeStep(_MID, reward, 1.0, observation)
 
     def _end_repeated_step(self, number: int) -> dm_env.TimeStep | None:
-        """Like `_end_control_step`, with the sums of the control steps of the action until now."""
+        """Like `_end_control_step`, with rewards and terms summed over the action's steps."""
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
@@ -308,7 +307,7 @@ class Environment(dm_env.Environment):
         """Spec of valid actions."""
         return self._task.action_spec(self._physics)
 
-    def step_spec(self) -> Nested:
+    def step_spec(self) -> object:
         """Spec of the result of `step`, if the task defines one."""
         return self._task.step_spec(self._physics)
 
@@ -340,8 +339,8 @@ class Environment(dm_env.Environment):
     def draw_every(self, steps: int) -> None:
         """Takes a picture at a start and at each `steps`-th step; others repeat the last picture.
 
-        A loop that repeats an action, and needs the reward of each control step, thus stacks one
-        picture of each action. Snapshots do not contain it.
+        It is for a loop that repeats an action by itself and wants one stacked picture per action.
+        Snapshots do not contain the interval.
         """
         if self._frames is not None:
             self._frames.interval = at_least_one("steps", steps)
@@ -372,13 +371,11 @@ class Environment(dm_env.Environment):
     @property
     def success(self) -> bool | None:
         """Whether the last step reached the goal; None for a task without a goal."""
-        task, terms = self._task, self.reward_terms
+        terms: Mapping[str, Quantity] = self.reward_terms
         if self._action_repeat != 1 and self._last_terms is not None:
             terms = self._last_terms
-        # Tasks need not be subclasses of `base.Task`.
-        if not terms or not getattr(task, "GOAL", ()):
-            return None
-        return bool(task.is_success(terms))  # pyright: ignore[reportAttributeAccessIssue]
+        success = success_of(self._task, terms)
+        return None if success is None else bool(success)
 
     @property
     def step_limit(self) -> int | None:
@@ -418,8 +415,7 @@ class Environment(dm_env.Environment):
         self._check_open()
         if difference(self) is not None:
             check_copies(self, are_seeded=False)
-            twin = copied(self)
-            return Snapshot.of_copy(twin, control_of(twin), self.registration, self._name)
+            return Snapshot.of_copy(copied(self), self.registration, self._name)
         with self._use:
             streams = [stream_of(self._task).get_state()]
             if self._randomizer is not None:
@@ -452,7 +448,7 @@ class Environment(dm_env.Environment):
         if self._first is None:
             self._first = self._first_values()
         if as_snapshot(snapshot).copies:
-            snapshot.check(Snapshot.origin_of_copy(self, control_of(self)), size=1)
+            snapshot.check(Snapshot.origin_of_copy(self), size=1)
             snapshot.check_copies(is_plain=difference(self) is None)
             kept = copied(snapshot.copies[0])
             with self._use:
@@ -526,7 +522,7 @@ class Environment(dm_env.Environment):
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
     def present_observation(self) -> Mapping[str, Quantity]:
-        """The observation of the present state, computed again; the task does not remember it."""
+        """The observation of the present state, computed again without a trace in the task."""
         with stand_in(self._task, self._physics) as task:
             observation = self._seen_by(task)
         if self._frames is None:
@@ -563,10 +559,10 @@ class Environment(dm_env.Environment):
         physics = cast(Any, kept.pop("_physics"))
         return {**kept, "exact": (type(physics), physics.__getstate__())}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type
+    def __setstate__(self, state: dict[str, object]) -> None:
         exact = state.pop("exact", None)
         vars(self).update(state)
-        if exact is not None:
+        if isinstance(exact, tuple):
             kind, described = exact
             self._physics = kind.__new__(kind)
             self._physics.become(described)
@@ -625,12 +621,12 @@ class Environment(dm_env.Environment):
         observation = task.get_observation(self._physics)
         return flatten_observation(observation) if self._flat_observation else observation
 
-    def _check_action(self, action: Nested) -> None:
+    def _check_action(self, action: object) -> None:
         """Raises unless the action is made of finite numbers; the task checks its shape.
 
         If the spec is a nested structure, the task checks everything.
         """
-        # Not a wider type than that of the controls, of which it may be finite and they infinite.
+        # Not a wider type, whose finite values may be infinite as controls.
         if type(action) is np.ndarray and action.dtype.char in "df":
             # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():

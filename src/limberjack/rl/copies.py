@@ -2,10 +2,10 @@
 
     difference(env)       # "its class Half overrides step"; None for a plain `control.Environment`
     check_copies(env)     # raises TypeError if a copy with another seed would share its state
-    twin = copied(env)    # continues as `env` does, bit for bit
+    other = copied(env)   # continues as `env` does, bit for bit
 
-A plain environment can be seeded; any other may keep anything anywhere, so its copies are made of
-all its attributes. `copy.deepcopy` does not copy functions, nor what they refer to: a copy of an
+A plain environment can be seeded. Any other may keep state in any attribute, so a copy of it copies
+them all. `copy.deepcopy` does not copy functions, nor what they refer to: a copy of an
 environment whose `step` is `lambda a: old(a)` would step the original.
 """
 
@@ -44,7 +44,7 @@ _Env = TypeVar("_Env")
 _plain: tuple[type, frozenset[str]] = (dm_env.Environment, frozenset())
 
 
-# Classes that were found not to override anything.
+# Classes that override nothing, and their attributes when that was found.
 _not_overriding: "weakref.WeakKeyDictionary[type, Assigned]" = weakref.WeakKeyDictionary()
 
 
@@ -150,15 +150,16 @@ def exact_copies(env: object, memo: dict[int, object]) -> None:
         _set_state(twin, copy.deepcopy(state, memo))
 
 
-def _set_state(twin: Any, state: Any) -> None:  # of a user's class, and as that class reduces
+def _set_state(one: object, state: Any) -> None:  # of any type: as a user's class reduces
     """Sets the state of an object as `copy.deepcopy` does."""
-    if hasattr(type(twin), "__setstate__"):
-        twin.__setstate__(state)
+    set_state = getattr(type(one), "__setstate__", None)
+    if set_state is not None:
+        set_state(one, state)
         return
     in_dict, in_slots = state if isinstance(state, tuple) and len(state) == 2 else (state, None)
-    vars(twin).update(in_dict or {})
+    vars(one).update(in_dict or {})
     for name, value in (in_slots or {}).items():
-        object.__setattr__(twin, name, value)
+        object.__setattr__(one, name, value)
 
 
 def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = False) -> None:
@@ -176,7 +177,7 @@ def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = Fal
     stream = getattr(task, "_random", getattr(task, "random", None))
     own = [env, inner, task, physics, stream, *getattr(physics, "__dict__", {}).values()]
     targets = {id(one) for one in own if one is not None and not isinstance(one, (*ATOMS, type))}
-    # Copies of these are not those of the copied physics.
+    # Copies of these would not belong to the copied physics.
     parts = [getattr(physics, "model", None), getattr(physics, "data", None)]
     # Not `ptr`, which would give a shared model's wrapper a copy of its own.
     official = [getattr(parts[0], "_model", None), getattr(parts[1], "_data", None)]

@@ -26,7 +26,7 @@ class Counter:
     Attributes:
       steps: steps since each row's episode began, (num_envs,).
       step_limit: steps per episode.
-      limits: those of each row's present episode, (num_envs,); None if all have `step_limit`.
+      limits: of each row's present episode, steps, (num_envs,); None if all have `step_limit`.
     """
 
     def __init__(self, num_envs: int, step_limit: float, task: str = "task") -> None:
@@ -126,7 +126,7 @@ class Repeated:
 
     Attributes:
       terms: the reward terms of each row, summed, (num_envs,) by name.
-      last_terms: those of each row's last control step.
+      last_terms: the reward terms of each row's last control step.
       observation: of each row's last control step.
       step_type: as above.
     """
@@ -152,8 +152,8 @@ class Repeated:
           time_step: of all rows.
           terms: the reward terms of all rows.
           shown: mask of rows whose observation and step type count, (num_envs,).
-          stepped: mask of those among them whose reward and discount count too.
-          diverged: mask of those whose reward terms mean nothing.
+          stepped: mask of the rows among them whose reward and discount count too.
+          diverged: mask of the rows whose reward terms are meaningless.
         """
         for name, values in time_step.observation.items():
             if name in self.observation:

@@ -4,17 +4,18 @@
         EPISODE_ATTRIBUTES = ("last_action",)           # an array of (nu,), set in __init__
 
     memory = EpisodeAttributes(task, num_envs=64)       # task.last_action is now (64, nu)
-    with memory.during("before_step", physics, rows):   # the hook counts for a mask of rows
+    with memory.during("before_step", physics, rows):   # rows: a mask of the rows that step
         task.before_step(actions, physics)
     with memory.of_row(3, one):                         # task.last_action is (nu,), of row 3
         task.initialize_episode(one)
 
 A task declares numbers and arrays whose shape and dtype never change. In a batch each is one array
-with a leading axis of rows. A hook that is called for all rows counts for those whose single
-environment would have called it; the others get their values back. Values are copied in and out.
+with a leading axis of rows. A hook is called for all rows at once; rows whose single environment
+would not have called it get their values back. Values are copied in and out.
 
-All other attributes belong to all rows. One that a hook changes, and draws of a hook of a step,
-would give wrong numbers, so they raise `NotVectorised`, here as in the check at creation.
+All other attributes are shared by all rows. A hook that changes one, or a hook of a step that draws
+from the task's stream, would give wrong numbers and raises `NotVectorised`, here as in the check at
+creation.
 """
 
 import contextlib
@@ -33,7 +34,7 @@ __all__ = ["EpisodeAttributes", "advice", "check_declared"]
 
 _FORM = "numbers and arrays of numbers whose shape and dtype never change"
 _KINDS = "fiub"  # kinds of dtypes that an attribute may have
-_STREAM = "_random"  # of a task, which a batch replaces by that of each row
+_STREAM = "_random"  # of a task, which a batch replaces by each row's
 _NOTHING = contextlib.nullcontext()
 
 
@@ -63,7 +64,7 @@ def check_declared(task: object) -> None:
 
 
 def advice(task: object, names: Sequence[str]) -> str:
-    """The way out for a task that remembers attributes which it does not declare."""
+    """Advice for a task that remembers attributes without declaring them."""
     values = [getattr(task, name, None) for name in names]
     if all(_is_number_or_array(value) for value in values):
         whole = tuple(sorted({*declared(task), *names}))
@@ -79,7 +80,7 @@ class EpisodeAttributes:
 
     Attributes:
       names: of the attributes that the task declares.
-      is_idle: whether the task is known to remember nothing, and is not looked at.
+      is_idle: whether the task is known to remember nothing, so that it is not watched.
     """
 
     def __init__(self, task: object, num_envs: int, is_proved: bool = False) -> None:
@@ -130,7 +131,7 @@ class EpisodeAttributes:
         values = {n: self._of_rows(n, value, "an assignment") for n, value in before.items()}
         watches = self._look(physics)
         self._set({name: value.copy() for name, value in values.items()})
-        # In a step it is the stream of whichever row began last.
+        # During a step the task has the stream of the row that began an episode last.
         stream, refusing = getattr(task, _STREAM, None), _Refusing(type(task).__name__, hook)
         if is_stream := isinstance(stream, np.random.RandomState):
             task._random = refusing  # pyright: ignore[reportAttributeAccessIssue]
@@ -147,7 +148,7 @@ class EpisodeAttributes:
     def _counted(
         self, name: str, before: np.ndarray, rows: np.ndarray | None, hook: str
     ) -> np.ndarray:
-        """The values that a hook has set in a mask of rows, None for all, and those from before."""
+        """The values set by a hook in a mask of rows, None for all; the old ones in the others."""
         new = np.array(self._of_rows(name, getattr(self._task, name), hook))
         if rows is not None:
             new[~rows] = before[~rows]
@@ -186,7 +187,7 @@ class EpisodeAttributes:
             self._set(before)
 
     def begin_again(self, rows: Sequence[int]) -> None:
-        """Gives rows the values from before the first episode, as a new seed does."""
+        """Gives rows the values from before their first episode, as for a new seed."""
         for name in self.names:
             values = np.array(getattr(self._task, name))
             values[rows] = self._first[name][rows]

@@ -1,10 +1,10 @@
-"""States that a caller gives for the start of an episode: their checks, before anything moves.
+"""Checks of the states that a caller gives for the start of an episode, before anything changes.
 
     sizes = state_sizes(env.physics)                        # {'qpos': 28, 'qvel': 27}
     given = checked_state({"qpos": positions}, sizes)       # arrays of float64, copies
     given = checked_states({"qpos": positions}, sizes, num_rows=256)    # (256, 28)
 
-A state is a mapping of 'qpos', 'qvel' and 'act', any of them, or a `Snapshot` of an episode that is
+A state is a mapping with some of 'qpos', 'qvel' and 'act', or a `Snapshot` of an episode that is
 still running. `set_state` of an environment and `set_states` of a batch set it.
 """
 
@@ -155,7 +155,7 @@ def check_form(snapshot: Snapshot, own: Snapshot) -> None:
 
 
 def rows_of(snapshot: Snapshot, rows: np.ndarray) -> Snapshot:
-    """The snapshot of some of its environments.
+    """The part of a snapshot that holds some of its environments.
 
     Args:
       snapshot: a snapshot whose arrays were checked.

@@ -122,7 +122,7 @@ def check_memory(num_envs: int, row: Iterable[np.ndarray], more_bytes: int = 0) 
     Args:
       num_envs: number of rows.
       row: arrays of one row, which are stored at least twice: now and before the last step.
-      more_bytes: what a row takes beside them.
+      more_bytes: what a row takes in addition.
     """
     per_row = 2 * sum(array.nbytes for array in row) + 2 * _STREAM_BYTES + more_bytes
     needed, memory = num_envs * per_row, _memory()

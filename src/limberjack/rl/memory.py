@@ -38,7 +38,7 @@ Memory = Mapping[str, Mapping[str, object]]
 _OURS = "limberjack."
 _SUITE = "limberjack.suite."
 _STREAMS = ("_random", "random")  # names of a task's own stream
-_DECORATORS = ("contextlib", "functools")  # whose functions stand in for those they decorate
+_DECORATORS = ("contextlib", "functools")  # whose functions replace the ones they decorate
 _SETTINGS = ("legacy_step", "_warnings_cause_exception")  # of a physics, not of an episode
 
 _Task = TypeVar("_Task")
@@ -52,7 +52,7 @@ def is_of_the_suite(task: object, physics: object) -> bool:
 def remembered(task: object, physics: object) -> Memory:
     """Deep copies of the attributes of a task and its physics, except for the task's stream.
 
-    They are copied together, so that what they share stays shared. References to the task and the
+    They are copied together, so that shared objects stay shared. References to the task and the
     physics themselves stay references. Empty for the suite's own tasks.
 
     Raises:
@@ -129,10 +129,10 @@ def put_back(memory: Memory, task: object, physics: object, is_complete: bool = 
 
 @contextlib.contextmanager
 def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
-    """A copy of a task for one call that neither task nor physics may remember, nor draw for.
+    """A copy of a task for a call that leaves no trace in the task, its stream or its physics.
 
     An attribute that cannot be copied is shared with the task. The suite's own tasks, which
-    remember nothing, stand in for themselves.
+    remember nothing, are used themselves.
     """
     if is_of_the_suite(task, physics):
         yield task
@@ -164,7 +164,7 @@ def _copied_as_far_as_possible(task: _Task, memo: dict[int, object]) -> _Task:
 
 
 def _copies_of(attributes: Mapping[str, object], memo: dict[int, object]) -> dict[str, object]:
-    """Deep copies of attributes; those that cannot be copied themselves."""
+    """Deep copies of attributes; an attribute that cannot be copied is kept itself."""
     found = {}
     for name, value in attributes.items():
         try:
@@ -196,7 +196,7 @@ def _uses(value: object, own: set[int]) -> bool:
 
 
 def _ids_of(task: object, physics: object) -> set[int]:
-    """Ids of the task, its stream, its physics and that one's parts."""
+    """Ids of the task, its stream, its physics and the parts of the physics."""
     stream = getattr(task, "_random", None)
     own = [task, physics, stream, *getattr(physics, "__dict__", {}).values()]
     atoms = (str, bytes, int, float, complex, bool, type(None))

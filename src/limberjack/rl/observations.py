@@ -6,8 +6,8 @@ Used by `control` and `batch`. Pixel observations are added by `pixels`.
 """
 
 import collections
-from collections.abc import MutableMapping
-from typing import Any, cast
+from collections.abc import Iterable, Mapping, MutableMapping
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from dm_env import specs
@@ -15,9 +15,11 @@ from dm_env import specs
 from limberjack.rl.contract import Observation
 from limberjack.utils import arrays
 
-__all__ = ["FLAT_OBSERVATION_KEY", "flatten_observation", "of_rows", "specs_of"]
+__all__ = ["FLAT_OBSERVATION_KEY", "flatten_observation", "of_rows", "of_type", "specs_of"]
 
 FLAT_OBSERVATION_KEY = "observations"
+
+_V = TypeVar("_V")
 
 
 def flatten_observation(
@@ -41,7 +43,7 @@ def flatten_observation(
             f"Can only flatten dict-like observations, got {type(observation).__name__}."
         )
     flat = np.concatenate([np.ravel(observation[name]) for name in _names(observation)])
-    return _same_type(observation, flat, output_key)
+    return of_type(observation, [(output_key, flat)])
 
 
 def of_rows(observation: Observation, num_envs: int, flat: bool) -> MutableMapping[str, np.ndarray]:
@@ -55,7 +57,7 @@ def of_rows(observation: Observation, num_envs: int, flat: bool) -> MutableMappi
     given = cast(MutableMapping[str, np.ndarray], observation)
     if flat:
         parts = [given[name].reshape(num_envs, -1) for name in _names(given)]
-        return _same_type(given, arrays.concat(parts), FLAT_OBSERVATION_KEY)
+        return of_type(given, [(FLAT_OBSERVATION_KEY, arrays.concat(parts))])
     for name, value in given.items():
         if not value.flags.owndata:
             given[name] = value.copy()
@@ -76,7 +78,9 @@ def _names(observation: Observation) -> list[str]:
     return list(observation) if ordered else sorted(observation)
 
 
-def _same_type(like: Observation, flat: np.ndarray, key: str) -> MutableMapping[str, np.ndarray]:
-    """A mapping of one item, of the same type as another."""
-    make: Any = type(like)  # a mapping type whose constructor accepts pairs
-    return make([(key, flat)])
+def of_type(
+    like: Mapping[str, object], contents: Mapping[str, _V] | Iterable[tuple[str, _V]]
+) -> MutableMapping[str, _V]:
+    """A new mapping of the same type as another, whose constructor accepts mappings and pairs."""
+    make: Any = type(like)  # the type of a user's mapping
+    return make(contents)

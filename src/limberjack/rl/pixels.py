@@ -21,13 +21,14 @@ import collections
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from dm_env import specs
 
 from limberjack.rl.contract import Drawn
 from limberjack.rl.guards import at_least_one
+from limberjack.rl.observations import of_type
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -98,12 +99,10 @@ class Pixels:
                     f"pixels has no option {name!r}.{did_you_mean(name, known)} It takes: "
                     f"{', '.join(known)}."
                 )
-        arguments: dict[str, Any] = dict(options)  # each of its own type, which is checked
-        return cls(**arguments)
+        return dataclasses.replace(cls(), **options)
 
-    # Any: each keyword has its own type.
     @property
-    def render_kwargs(self) -> dict[str, Any]:
+    def render_kwargs(self) -> dict[str, object]:
         """The keyword arguments of `Physics.render`, or `render_cameras`, for one frame."""
         size = {"height": self.height, "width": self.width}
         return {**size, "camera_id": self.camera, "quality": self.quality}
@@ -218,8 +217,7 @@ class Frames:
                 f"the task observes {what}; expected a dict without {PIXELS_KEY!r}, to which "
                 "pictures can be added: use pixels with only=True, or no pixels"
             )
-        make: Any = type(state)  # a mapping type whose constructor accepts a mapping
-        both: MutableMapping[str, _V | _P] = make(state)
+        both: MutableMapping[str, _V | _P] = of_type(state, state)
         both[PIXELS_KEY] = pixels
         return both
 
@@ -268,7 +266,7 @@ def render_cameras(
     Args:
       draw: draws the picture of one camera, such as `Physics.render`.
       kwargs: the arguments of `draw`, whose `camera_id` may be a list.
-      axis: the axis along which pictures are joined; that of their width puts them side by side.
+      axis: the axis along which pictures are joined; the axis of width puts them side by side.
 
     Raises:
       ValueError, TypeError: see `cameras_of`, and `draw`.

@@ -1,12 +1,12 @@
-"""References of objects, and those that a deep copy would leave shared.
+"""References between objects, and the ones that a deep copy would leave shared.
 
     for path, value in reachable(environment):
         ...                                 # "_task.get_reward", <function>
     reaches(function, {id(environment)})    # through a closure, a default, a global, an attribute
     kept_by(function)                       # "a list in its closure"; None if it keeps nothing
 
-`copy.deepcopy` copies neither functions, methods of built-in objects and weak references, nor what
-they refer to; and a copy of an array that shows a simulation's memory shows nothing that moves.
+`copy.deepcopy` copies neither functions, methods of built-in objects and weak references, nor the
+objects they refer to; and a copy of an array that views a simulation's memory no longer follows it.
 """
 
 import collections
@@ -37,7 +37,7 @@ __all__ = [
 ATOMS = (str, bytes, int, float, complex, bool, type(None), types.ModuleType, range, np.generic)
 STREAMS = (np.random.RandomState, np.random.Generator, np.random.BitGenerator, random.Random)
 
-_MOST_OBJECTS = 100_000  # that are looked at; an environment with more holds data, not functions
+_MOST_OBJECTS = 100_000  # of a search; an environment with more holds data, not functions
 _INTERNAL = "limberjack.mujoco."  # objects without references to a user's
 _DERIVED = ("_seeded", "_draws")  # attributes of an environment with streams made from the task's
 _C_MODULES = ("builtins", "itertools", "functools", "operator", "_operator", "collections")
@@ -60,18 +60,18 @@ class Assigned:
         self.names = frozenset(name for one in classes for name in vars(one))
 
     def is_same(self) -> bool:
-        """Whether none has been assigned, added or removed since; an equal value counts as none."""
+        """Whether no attribute was added, removed or changed to an unequal value since."""
         try:
-            # Compares identity first, in C: snapshots ask this.
+            # Tuples compare identities first, in C, which matters as each snapshot asks.
             return all(tuple(now.values()) == values for now, values in self._values)
-        except ValueError:  # of arrays, one of which is another one
+        except ValueError:  # the comparison of two different arrays has no single truth value
             return False
 
 
 def attributes_of(owner: object) -> dict[str, object]:
     """The attributes of an object by name, in `__dict__` or in slots; not cached properties.
 
-    Of a physics those that a class of physics, or its user, has added.
+    Of a physics, only the attributes that its own class, or its user, has added.
     """
     own: Mapping[str, object] = getattr(owner, "__dict__", {})
     if _is_physics(owner):
@@ -84,7 +84,7 @@ def attributes_of(owner: object) -> dict[str, object]:
 
 @functools.lru_cache(maxsize=256)
 def _declared_by(cls: type) -> tuple[frozenset[str], tuple[str, ...]]:
-    """Names of the cached properties, and of the slots, of a class."""
+    """Names of the cached properties and of the slots of a class."""
     cached, slots = set(), []
     for one in cls.__mro__:
         cached |= {n for n, v in vars(one).items() if isinstance(v, functools.cached_property)}
@@ -178,7 +178,7 @@ def kept_by(function: object, besides: Container[int] = ()) -> str | None:
 
 
 def is_live(value: object) -> bool:
-    """Whether an array, or a part of a model or of data, shows the memory of a simulation."""
+    """Whether an array, or a part of a model or of data, is a view of a simulation's memory."""
     kind = type(value)
     if kind.__module__ in _PARTS_OF_SIMULATIONS and kind.__name__ not in _WHOLE:
         return True

@@ -33,8 +33,8 @@ def represented(what: object, first: Description, *others: Description) -> str:
 
     Args:
       what: the object, for the name of its class.
-      first: its description, or that of its first half.
-      others: that of its second half, if it has one.
+      first: the description of the object, or of its first half.
+      others: the description of its second half, if it has one.
     """
     parts = (first, *others)
     texts = [first.task]

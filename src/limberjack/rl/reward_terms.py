@@ -4,11 +4,13 @@
         get_reward = reward_of_terms
 
     reward, terms = reward_and_terms(task, physics)
+    success = success_of(task, terms)
 
 A task that defines another `get_reward` has no terms.
 """
 
 import functools
+from collections.abc import Mapping
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -16,7 +18,7 @@ import numpy as np
 from limberjack.rl.contract import Physics, Task
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["reward_and_terms", "reward_of_terms"]
+__all__ = ["reward_and_terms", "reward_of_terms", "success_of"]
 
 _Physics = TypeVar("_Physics", bound=Physics, contravariant=True)
 
@@ -28,6 +30,8 @@ class _HasTerms(Protocol[_Physics]):
     def reward_terms(self, physics: _Physics) -> dict[str, Quantity]: ...
 
     def reward_of(self, terms: dict[str, Quantity]) -> Quantity: ...
+
+    def is_success(self, terms: Mapping[str, Quantity]) -> Quantity: ...
 
 
 def reward_of_terms(self: _HasTerms[_Physics], physics: _Physics) -> Quantity:
@@ -41,7 +45,7 @@ def reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str, 
     Underflow is not an error, even if NumPy is set to raise: rewards far from a goal are 0.
     """
     if not _is_of_suite(type(task)) and np.geterr()["under"] == "raise":
-        # At once, because a second call would find what the first one left in the task.
+        # Before the first call, which may change what the task remembers, not before a second.
         with np.errstate(under="ignore"):
             return _reward_and_terms(task, physics)
     try:
@@ -66,3 +70,11 @@ def _reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str,
     has_terms: _HasTerms[Physics] = task  # pyright: ignore[reportAssignmentType] (as checked)
     terms = has_terms.reward_terms(physics)
     return has_terms.reward_of(terms), terms
+
+
+def success_of(task: Task, terms: Mapping[str, Quantity]) -> Quantity | None:
+    """Whether the goal is reached, (...) booleans; None without a goal or without terms."""
+    if not terms or not getattr(task, "GOAL", ()):  # tasks need not be subclasses of `base.Task`
+        return None
+    has_terms: _HasTerms[Physics] = task  # pyright: ignore[reportAssignmentType] (as checked)
+    return has_terms.is_success(terms)

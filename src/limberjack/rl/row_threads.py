@@ -7,7 +7,7 @@
 With `each`, each row keeps its thread, so what a row's environment keeps per thread stays valid.
 With `share`, which takes less time, the job must not depend on the thread. A thread runs
 in the caller's context, for `np.errstate`. With one thread the caller steps the rows, in order. The
-threads are those of `concurrent.futures`, which the interpreter joins before it exits. They
+threads belong to `concurrent.futures`, so that the interpreter joins them before it exits. They
 start with the first use, and again after a fork or in a copy. No signature names their class, which
 cannot be imported while the interpreter exits.
 """
@@ -73,7 +73,8 @@ class RowThreads:
                 concurrent.futures.ThreadPoolExecutor(1, f"limberjack-rows-{number}")
                 for number in range(self.num_threads)
             ]
-            for thread in threads:  # starts it; one interrupted as it starts would get a second one
+            # Start now: an executor interrupted as it starts its thread would start a second one.
+            for thread in threads:
                 thread.submit(int).result()
             self._threads = threads
         return self._threads
@@ -92,7 +93,7 @@ class RowThreads:
                 started.append(thread.submit(context.run, run, job, rows))
             errors = run(job, own)
             return errors + [error for future in started for error in future.result()]
-        except BaseException:  # an interrupt of the caller: the threads go on
+        except BaseException:  # an interrupt of the caller, while the threads continue
             self._wait()
             raise
 
@@ -101,7 +102,7 @@ class RowThreads:
         for thread in self._threads:
             while True:
                 try:
-                    # An interrupted `submit` returns nothing, but what comes next is done last.
+                    # A job of an interrupted `submit` may be queued; this one runs after it.
                     thread.submit(int).result()
                     break
                 except KeyboardInterrupt:

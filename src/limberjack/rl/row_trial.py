@@ -1,4 +1,4 @@
-"""`Trial`: an environment that is looked at before the rows of a batch are made.
+"""`Trial`: an environment that is examined before the rows of a batch are made.
 
     trial = Trial(build, seed=0, context={}, num_envs=16)
     trial.observation_spec, trial.action_spec, trial.draws_globally
@@ -42,7 +42,7 @@ _TRIAL_STEPS = 3
 
 
 class Trial:
-    """An environment that is looked at before the rows are made: specs, and global streams."""
+    """An environment that is examined before the rows are made: specs and global streams."""
 
     def __init__(
         self, build: Build, seed: int, context: Mapping[str, object], num_envs: int
@@ -124,7 +124,7 @@ def noted(row: int, context: Mapping[str, object]) -> Iterator[None]:
 def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | None:
     """The global random stream that a few steps of an environment draw from, if there is one.
 
-    A stream in an attribute of a class counts. The streams are put back. An error of the
+    A stream in a class attribute counts too. The streams are put back. An error of the
     environment is not raised here, but by the row.
     """
     stream = np.random.RandomState(0)

@@ -28,7 +28,6 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
-from typing import Any
 
 import dm_env
 import numpy as np
@@ -37,12 +36,22 @@ from dm_env import specs
 
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl import guards
-from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
-from limberjack.rl.contract import Nested, PhysicsError
+from limberjack.rl.batch_contract import Lockstep, RowNumbers
+from limberjack.rl.builds import (
+    Build,
+    Make,
+    Seeded,
+    holder_of,
+    is_stable,
+    physics_of,
+    settable,
+    task_name,
+)
+from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
-from limberjack.rl.given_state import checked_states, state_sizes
-from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
+from limberjack.rl.given_state import state_sizes
+from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.row_phases import step_in_phases
 from limberjack.rl.row_step import RowStep, as_mapping
@@ -59,12 +68,10 @@ from limberjack.utils.seeds import checked_seed
 
 __all__ = ["RowsEnvironment"]
 
-_Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
-
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 
 
-class RowsEnvironment:
+class RowsEnvironment(Lockstep):
     """Complete single environments in lockstep; see the module's docstring."""
 
     _draw_interval = 1  # see `draw_every`
@@ -105,7 +112,6 @@ class RowsEnvironment:
           MemoryError: this many rows do not fit into memory.
         """
         self.num_envs: int = guards.at_least_one("num_envs", num_envs)
-        self.first_row = 0
         self.why_rows: str | None = why_rows
         self._raises = guards.raises_on_divergence(on_divergence)
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
@@ -141,7 +147,7 @@ class RowsEnvironment:
         self._edits_models = trial.edits_model or any(one != models[0] for one in models)
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
-        self._name: str = getattr(env, "_name", "") or _task_name(env)
+        self._name: str = getattr(env, "_name", "") or task_name(env)
         self._set_counters()
 
     def _threads_for(self, num_threads: int) -> int:
@@ -176,7 +182,7 @@ class RowsEnvironment:
         trial.close()
 
     def _set_counters(self) -> None:
-        """Sets what is known of rows that have not begun an episode."""
+        """Sets the counters of rows that have not begun an episode."""
         self._steps = np.zeros(self.num_envs, int)
         # Reward terms of rows whose `step` is called repeatedly.
         self._summed_terms: dict[int, Mapping[str, float]] = {}
@@ -198,7 +204,7 @@ class RowsEnvironment:
         return self._name
 
     def reset(
-        self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
+        self, ids: RowNumbers = None, seeds: Sequence[int | None] | None = None
     ) -> dm_env.TimeStep:
         """Begins an episode in all rows or in those given; returns the time step of all rows.
 
@@ -222,7 +228,7 @@ class RowsEnvironment:
                 if seed is not None:
                     self._seed(row, seed)
                 self._set_limit_of_next(row)
-                found.take(row, self._rows[row].environment.reset(), self._plain(row))
+                found.take(row, self._rows[row].environment.reset(), self._rows[row].plain)
 
             self._raise(self._each(begin, rows.tolist()))
             for name, values in found.observation.items():
@@ -231,6 +237,10 @@ class RowsEnvironment:
             self._begins[rows] = False
             self._timed_out[rows] = False
             self.diverged[rows] = False
+        return self._present()
+
+    def _present(self) -> dm_env.TimeStep:
+        """The time step of a reset: FIRST for rows that have begun, MID for others."""
         step_type = np.where(self._steps == 0, _FIRST, _MID)
         observation = self._shown({n: v.copy() for n, v in self._observation.items()})
         ones = np.ones(self.num_envs)
@@ -241,7 +251,7 @@ class RowsEnvironment:
         self._begins[:] = True
         self._has_ended[:] = False
 
-    def step(self, actions: Nested) -> dm_env.TimeStep:
+    def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
         """Applies an action in every row and returns the batched `TimeStep`.
 
         Args:
@@ -265,7 +275,7 @@ class RowsEnvironment:
                     env = self._rows[row].environment
                     self._set_limit_of_next(row)
                     time_step = env.step(given[row]) if has_ended[row] else env.reset()
-                    found.take(row, time_step, self._plain(row))
+                    found.take(row, time_step, self._rows[row].plain)
                     return
                 self._step_row(row, given[row], found)
 
@@ -297,8 +307,7 @@ class RowsEnvironment:
     def _each(self, job: Callable[[int], object], rows: Sequence[int]) -> RowErrors:
         """Calls `job(row)` for rows; returns the errors.
 
-        All hooks of rows that are stepped in parts run in the caller's thread, those of others in
-        the row's own.
+        Rows that are stepped in parts run in the caller's thread, others in the row's own.
         """
         here = self._in_parts(rows)
         errors = self._threads.each(job, [row for row in rows if row not in here])
@@ -321,17 +330,16 @@ class RowsEnvironment:
 
     def _step_row(self, row: int, action: np.ndarray, found: RowStep) -> None:
         """Steps a row in mid-episode, as often as an action is repeated."""
-        seeded = self._rows[row]
-        env = seeded.environment
-        if seeded.is_plain and isinstance(env, Environment):  # it repeats and counts by itself
-            before = env._step_count
+        env, plain = self._rows[row].environment, self._rows[row].plain
+        if plain is not None:  # it repeats and counts by itself
+            before = plain._step_count
             try:
-                time_step = env.step(action)
+                time_step = plain.step(action)
             except PhysicsError:
-                found.end_diverged(row, env, before)
+                found.end_diverged(row, plain, before)
                 return
-            found.take(row, time_step, self._plain(row))
-            found.steps[row] = env._step_count - before
+            found.take(row, time_step, plain)
+            found.steps[row] = plain._step_count - before
             return
         repeat = self._action_repeat
         inner = control_of(env)
@@ -345,7 +353,7 @@ class RowsEnvironment:
             except PhysicsError:
                 found.diverge(row)
                 return
-            found.take(row, time_step, self._plain(row))
+            found.take(row, time_step, None)
             if repeat > 1:
                 terms.update(getattr(env, "reward_terms", {}))
             if isinstance(inner, Environment):
@@ -357,11 +365,11 @@ class RowsEnvironment:
             if found.step_type[row] == _LAST:
                 return
 
-    def snapshot(self, rows: _Rows = None) -> Snapshot:
+    def snapshot(self, rows: RowNumbers = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on.
 
-        Plain environments are saved as `control.Environment.snapshot` does, others, and those that
-        edit their models, as copies.
+        Plain environments are saved as `control.Environment.snapshot` does; other environments, and
+        any that edit their models, as copies.
 
         Raises:
           TypeError: an environment keeps something that cannot be copied.
@@ -374,7 +382,7 @@ class RowsEnvironment:
             limits = np.stack([self._limits[numbers], self._stagger.shares[numbers]], axis=-1)
             return dataclasses.replace(joined, limits=limits)
 
-    def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
+    def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
         """Continues the batch, or some rows, from a snapshot, bit for bit.
 
         Args:
@@ -392,7 +400,7 @@ class RowsEnvironment:
             seeded = self._rows[row]
             if snapshot.copies or not seeded.is_plain:
                 env = seeded.environment
-                snapshot.check(Snapshot.origin_of_copy(env, control_of(env)), len(numbers))
+                snapshot.check(Snapshot.origin_of_copy(env), len(numbers))
             else:
                 own = self._saved(row, as_copy=False)
                 snapshot.check(own.origin, len(numbers))
@@ -427,51 +435,22 @@ class RowsEnvironment:
                 found.setdefault(name, []).append(saved[name][0])
         return {name: np.stack(values) for name, values in found.items()}
 
-    def set_states(
-        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
-    ) -> dm_env.TimeStep:
-        """Continues the episodes that `reset` has just begun in rows from given states.
+    def _step_counts(self) -> np.ndarray:
+        return self._steps
 
-        Args:
-          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
-            snapshot of n environments. See `control.Environment.set_state`.
-          rows: sorted row numbers or a mask; None for all.
+    def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
+        found = RowStep(self._empty(), self._observation)
+        index = {row: i for i, row in enumerate(rows.tolist())}
 
-        Returns:
-          The time step of all rows, as `reset` does.
+        def start(row: int) -> None:
+            state = {name: values[index[row]] for name, values in states.items()}
+            time_step = settable(self._rows[row].environment).set_state(state)
+            found.take(row, time_step, self._rows[row].plain)
 
-        Raises:
-          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`; the
-            snapshot does not fit, see `restore`; or a row has no state to set; nothing was set.
-          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
-        """
-        rows = self._numbers(rows)
-        if isinstance(states, Snapshot):
-            self.restore(states, rows)
-            return self.reset([])
-        numbers = rows + self.first_row
-        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
-        with self._use:
-            late = numbers[self._begins[rows] | (self._steps[rows] > 0)].tolist()
-            if late:
-                raise RuntimeError(
-                    f"no episode has just begun in rows {late}: call reset(rows) before "
-                    "set_states()"
-                )
-            self._begins[rows] = True  # until it is complete
-            found = RowStep(self._empty(), self._observation)
-            index = {row: i for i, row in enumerate(rows.tolist())}
-
-            def start(row: int) -> None:
-                state = {name: values[index[row]] for name, values in checked.items()}
-                time_step = _settable(self._rows[row].environment).set_state(state)
-                found.take(row, time_step, self._plain(row))
-
-            self._raise(self._each(start, rows.tolist()))
-            for name, values in found.observation.items():
-                self._observation[name][rows] = values[rows]
-            self._begins[rows] = False
-        return self.reset([])
+        self._raise(self._each(start, rows.tolist()))
+        for name, values in found.observation.items():
+            self._observation[name][rows] = values[rows]
+        return self._present()
 
     def state_sizes(self) -> dict[str, int]:
         """Numbers in each field of a row's state, such as 'qpos', without empty fields.
@@ -480,21 +459,13 @@ class RowsEnvironment:
           TypeError: a row is not a `control.Environment` on a simulation of MuJoCo.
         """
         self._use.check()
-        sizes = [state_sizes(_settable(env).physics) for env in self.environments]
+        sizes = [state_sizes(settable(env).physics) for env in self.environments]
         return sizes[0]
 
-    def copy_row(self, source: int, target: int) -> None:
-        """Makes row `target` a copy of row `source`, including its random stream."""
-        self.restore(self.snapshot([source]), [target])
-
-    def close(self) -> None:
-        """Closes the environments; the batch then raises if used; may be called repeatedly."""
-        if self._use.what_is_wrong is None:
-            with self._use:
-                self._threads.close()
-                for row in self._rows:
-                    row.environment.close()
-            self._use.what_is_wrong = "this batch is closed: create a new one"
+    def _free(self) -> None:
+        self._threads.close()
+        for row in self._rows:
+            row.environment.close()
 
     def description(self) -> Description:
         """The parts of the batch's `repr`."""
@@ -515,10 +486,6 @@ class RowsEnvironment:
         vars(new).update(copy.deepcopy(vars(self), memo))
         return new
 
-    def action_spec(self) -> specs.BoundedArray:
-        """The spec of the actions of all rows, (num_envs, ...)."""
-        return self._action_spec
-
     def single_action_spec(self) -> specs.BoundedArray:
         """The spec of one row's action."""
         return self._single_action_spec
@@ -528,14 +495,6 @@ class RowsEnvironment:
         return collections.OrderedDict(
             (name, _batched(spec, self.num_envs)) for name, spec in self._observation_spec.items()
         )
-
-    def reward_spec(self) -> specs.Array:
-        """The spec of the rewards, (num_envs,)."""
-        return specs.Array((self.num_envs,), float, name="reward")
-
-    def discount_spec(self) -> specs.BoundedArray:
-        """The spec of the discounts, (num_envs,)."""
-        return specs.BoundedArray((self.num_envs,), float, 0.0, 1.0, name="discount")
 
     @property
     def step_limit(self) -> float:
@@ -550,21 +509,11 @@ class RowsEnvironment:
         for row in range(self.num_envs):
             self._set_limit(row, limit)
 
-    @property
-    def action_repeat(self) -> int:
-        """Calls of `step` per action."""
-        return self._action_repeat
-
     def draw_every(self, steps: int) -> None:
         """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
         self._draw_interval = guards.at_least_one("steps", steps)
         for row in range(self.num_envs):
             self._set_up(row)
-
-    @property
-    def begins(self) -> np.ndarray:
-        """Mask of rows whose next step begins an episode, (num_envs,)."""
-        return self._begins.copy()
 
     @property
     def timed_out(self) -> np.ndarray:
@@ -619,28 +568,12 @@ class RowsEnvironment:
         self._use.check()
         return self._control_timestep
 
-    def render(self, rows: _Rows = None, **kwargs: object) -> np.ndarray:
-        """Pictures of all rows or some, (n, height, width, 3) uint8.
-
-        Args:
-          rows: sorted row numbers or a mask of (num_envs,); None for all.
-          kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
-            The pictures of a list of cameras are joined side by side.
-
-        Raises:
-          ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
-        """
-        numbers = self._numbers(rows).tolist()
-
-        def draw(**how: object) -> np.ndarray:
-            physics = [_physics_of(self.environments[row]) for row in numbers]
-            if not physics:
-                shape, dtype = _physics_of(self.environments[0]).picture_spec(**how)
-                return np.empty((0, *shape), dtype)
-            return np.stack([one.render(**how) for one in physics])
-
-        with self._use:
-            return render_cameras(draw, render_arguments(kwargs), axis=2)
+    def _draw(self, rows: np.ndarray, **kwargs: object) -> np.ndarray:
+        physics = [physics_of(self.environments[row]) for row in rows.tolist()]
+        if not physics:
+            shape, dtype = physics_of(self.environments[0]).picture_spec(**kwargs)
+            return np.empty((0, *shape), dtype)
+        return np.stack([one.render(**kwargs) for one in physics])
 
     def get_attr(self, name: str) -> list[object]:
         """An attribute of each row's environment, or of its task if only that has it.
@@ -677,7 +610,7 @@ class RowsEnvironment:
             found = [getattr(holder_of(env, name), name) for env in self.environments]
             return [one(*args, **kwargs) if callable(one) else one for one in found]
 
-    def _checked(self, actions: Nested, begins: np.ndarray) -> np.ndarray:
+    def _checked(self, actions: npt.ArrayLike, begins: np.ndarray) -> np.ndarray:
         """A copy of the actions, since environments may keep theirs."""
         given = np.array(guards.check_actions(actions, self.num_envs, begins, self.first_row))
         shape = self._action_spec.shape
@@ -756,13 +689,11 @@ class RowsEnvironment:
         )
 
     def _saved(self, row: int, as_copy: bool) -> Snapshot:
-        env = self._rows[row].environment
-        if not as_copy:
-            assert isinstance(env, Environment)
-            return env.snapshot()
+        env, plain = self._rows[row].environment, self._rows[row].plain
+        if plain is not None and not as_copy:
+            return plain.snapshot()
         check_copies(env, are_seeded=False)
-        twin = copied(env)
-        return Snapshot.of_copy(twin, control_of(twin), self.registration, self._name)
+        return Snapshot.of_copy(copied(env), self.registration, self._name)
 
     def _restore(self, row: int, part: Snapshot) -> None:
         """Continues a row from a snapshot of one environment."""
@@ -809,12 +740,6 @@ class RowsEnvironment:
             error.add_note(note)
         raise error
 
-    def _report_divergence(self) -> None:
-        rows = (np.flatnonzero(self.diverged) + self.first_row).tolist()
-        if self._raises:
-            raise PhysicsError(f"the simulations of rows {rows} diverged")
-        log.warning("the simulations of rows %s diverged; their episodes end here", rows)
-
     def _empty(self) -> dict[str, np.ndarray]:
         return {
             name: np.zeros((self.num_envs, *spec.shape), spec.dtype)
@@ -823,16 +748,6 @@ class RowsEnvironment:
 
     def _shown(self, observation: dict[str, np.ndarray]) -> MutableMapping[str, np.ndarray]:
         return collections.OrderedDict(observation)
-
-    def _plain(self, row: int) -> Environment | None:
-        """The environment of a row, if it is plain."""
-        seeded = self._rows[row]
-        env = seeded.environment
-        return env if seeded.is_plain and isinstance(env, Environment) else None
-
-    def _numbers(self, ids: _Rows) -> np.ndarray:
-        """Sorted row numbers from row numbers, a mask, or None for all."""
-        return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
 
 def _threads(num_threads: int | None, num_envs: int) -> int:
@@ -843,10 +758,8 @@ def _threads(num_threads: int | None, num_envs: int) -> int:
 
 def _in_parts(seeded: Seeded) -> Environment | None:
     """The environment of a row, if it is plain and its control step can be taken in parts."""
-    env = seeded.environment
-    if seeded.is_plain and isinstance(env, Environment) and env._steps_in_parts:
-        return env
-    return None
+    plain = seeded.plain
+    return plain if plain is not None and plain._steps_in_parts else None
 
 
 def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
@@ -855,16 +768,6 @@ def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
         bounds = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
         return specs.BoundedArray(shape, spec.dtype, *bounds, name=spec.name)
     return specs.Array(shape, spec.dtype, name=spec.name)
-
-
-def _settable(env: dm_env.Environment) -> Environment:
-    """The environment, if its state can be set."""
-    if isinstance(env, Environment):
-        return env
-    raise TypeError(
-        f"a {type(env).__name__} cannot begin in a given state; expected a "
-        "limberjack.rl.control.Environment or a subclass in every row; nothing was reset"
-    )
 
 
 def _inside(env: dm_env.Environment) -> Environment:
@@ -882,23 +785,6 @@ def _begins_if_stepped(env: dm_env.Environment) -> bool:
     """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
     inner = control_of(env)
     return not (isinstance(inner, Environment) and inner.is_running)
-
-
-def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
-    physics = getattr(env, "physics", None)
-    if physics is None:
-        physics = getattr(control_of(env), "physics", None)
-    if physics is None:
-        raise TypeError(
-            f"a {type(env).__name__} has no physics, so it cannot be rendered here: draw "
-            "batch.environments[i] yourself"
-        )
-    return physics
-
-
-def _task_name(env: dm_env.Environment) -> str:
-    inner = control_of(env)
-    return getattr(inner, "_name", "") or type(getattr(inner, "_task", env)).__name__
 
 
 def _checked_contexts(

@@ -1,11 +1,11 @@
-"""`put_back_after`: the random streams that all environments share, held while a check uses them.
+"""`put_back_after`: exclusive use of the random streams that all environments share.
 
     with put_back_after():
         ...                     # may seed and draw from NumPy's and Python's global streams
 
-Checks seed the global streams, to see whether a hook draws from them. Two threads that make
-environments at a time would see each other's draws, and keep each other's seeds: one waits for the
-other. Draws of other threads of a program are not seen as theirs, and are undone.
+Checks seed the global streams to see whether a hook draws from them. Two threads that make
+environments at the same time would see each other's draws and keep each other's seeds, so one waits
+for the other. Draws by other threads of a program are taken for the hook's, and are undone.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ _BYTES_OF_STATE = (624 + 1) * 4
 
 
 class _Turn:
-    """Whose turn it is; a process that is forked in the meantime begins with a free one."""
+    """The lock of the shared streams; a forked process begins with a free one."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
@@ -49,7 +49,7 @@ _TURN = _Turn()
 
 @contextlib.contextmanager
 def put_back_after(streams: Mapping[str, object] = GLOBAL_STREAMS) -> Iterator[None]:
-    """Waits for its turn with the shared streams, and puts them back in the end.
+    """Locks the shared streams for the time of the context, and puts them back at the end.
 
     Args:
       streams: modules and streams, by name.

@@ -16,11 +16,12 @@ is validated completely before anything is restored.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
+import dm_env
 import numpy as np
 
 from limberjack.rl.contract import SimulatedPhysics, Task
+from limberjack.rl.copies import control_of
 from limberjack.rl.memory import Memory
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.streams import States
@@ -43,7 +44,7 @@ class Snapshot:
       physics: the physics' arrays by name, (n, ...) each.
       step_count: steps since each episode began, (n,).
       begins: whether each one's next step begins an episode, (n,).
-      streams: states of each one's `RandomState`s: the task's, and that of randomisation if any.
+      streams: states of each one's `RandomState`s: the task's and, if any, the randomisation's.
       frames: stacks of pictures, by name, (n, ...) each; empty without pixels.
       registration: the suite's record of the domain, whose module is imported by unpickling.
       name: of the task, such as 'humanoid:walk'; empty for one that `suite.load` did not make.
@@ -64,29 +65,24 @@ class Snapshot:
     registration: object = None
     name: str = ""
     memory: list[Memory] = dataclasses.field(default_factory=list)
-    copies: list[Any] = dataclasses.field(default_factory=list)  # Any: of users' classes
+    copies: list[dm_env.Environment] = dataclasses.field(default_factory=list)
     observations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     resets: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
     limits: np.ndarray | None = None
 
     @classmethod
     def of_copy(
-        cls,
-        env: Any,  # of a user's class
-        inner: Any,  # its physics and task are
-        registration: object = None,
-        name: str = "",
+        cls, env: dm_env.Environment, registration: object = None, name: str = ""
     ) -> "Snapshot":
         """The snapshot of an environment as a copy of it.
 
         Args:
           env: the copy, of a user's class.
-          inner: the `control.Environment` inside; None if there is none.
           registration: the suite's record of the domain.
           name: of the task.
         """
         return cls(
-            cls.origin_of_copy(env, inner),
+            cls.origin_of_copy(env),
             {},
             np.array([getattr(env, "_step_count", 0)]),
             np.array([bool(getattr(env, "_reset_next_step", False))]),
@@ -97,15 +93,16 @@ class Snapshot:
         )
 
     @staticmethod
-    def origin_of_copy(env: object, inner: Any) -> dict[str, object]:  # as `of_copy` takes it
-        """Facts that must match for a copy to be restored; the arguments are those of `of_copy`."""
+    def origin_of_copy(env: dm_env.Environment) -> dict[str, object]:
+        """Facts that must match for a copy of an environment to be restored."""
         origin: dict[str, object] = {"environment": _class_of(env)}
+        inner = control_of(env)
         if inner is None:
             return origin
-        identity = getattr(inner.physics, "identity", dict)()
+        identity = getattr(getattr(inner, "physics", None), "identity", dict)()
         return {
             **origin,
-            "task": type(inner.task).__name__,
+            "task": type(getattr(inner, "task", None)).__name__,
             **{what: fact for what, fact in identity.items() if what != _NUMBERS},
         }
 

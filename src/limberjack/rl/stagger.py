@@ -15,7 +15,7 @@ import numpy as np
 
 __all__ = ["Stagger", "check_limit"]
 
-_OWN = np.uint32(1)  # keeps the stream apart from that of `randomize`
+_OWN = np.uint32(1)  # keeps the stream apart from the one of `randomize`
 _FULL = 1.0  # share of the limit of an episode that is not cut short
 
 

@@ -8,7 +8,6 @@ A row's draws do not depend on the other rows.
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from limberjack.utils.seeds import checked_seed
 
 __all__ = ["States", "Streams", "stream_of"]
 
-# Any: results of `RandomState.get_state`, of the task's stream and of the one for model fields.
-States = tuple[Any, ...]
+# Results of `RandomState.get_state`: of the task's stream and of the one for model fields.
+States = tuple[dict[str, object] | tuple[str, np.ndarray, int, int, float], ...]
 
 
 def stream_of(task: Task) -> np.random.RandomState:

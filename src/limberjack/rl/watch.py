@@ -4,13 +4,13 @@
         task.get_reward(physics)
         watch.changed()         # ["self.last_action"]
 
-An assignment counts even if the value is equal. Other changes, such as those of a list or of an
-object that an attribute holds, are found by comparing values. A `functools.cached_property` does
-not count. Values that cannot be compared, such as those of a C library, go unnoticed.
+An assignment counts even if the value is equal. Other changes, such as within a list or an object
+that an attribute holds, are found by comparing values. A `functools.cached_property` does
+not count. Values that cannot be compared, such as a C library's, go unnoticed.
 
-`QuickWatch` takes a microsecond or two, so that it can look on in every hook of every step of a
-batch. It notices attributes of one object that are other objects than before, or have other
-elements.
+`QuickWatch` takes a microsecond or two, so that it can watch every hook of every step of a batch.
+It notices attributes of one object that were replaced by other objects, and containers whose
+elements have changed.
 """
 
 import collections
@@ -47,7 +47,7 @@ class Watch:
     """See the module's docstring."""
 
     def __init__(self, task: object, physics: object, declared: Sequence[str] = ()) -> None:
-        """Takes the names of attributes that the task may change as well."""
+        """Takes a task, its physics, and the names of attributes that the task may change."""
         self._declared = frozenset(declared)
         self._in_classes: dict[type, tuple[int, Sequence[str]]] = {}  # sizes, and names of values
         self._owners = {"self": task, "physics": physics}
@@ -134,12 +134,12 @@ class QuickWatch:
     """See the module's docstring."""
 
     def __init__(self, label: str, owner: object, declared: Sequence[str] = ()) -> None:
-        """Takes an object, its name in the results, and the attributes that may change."""
+        """Takes the object, its name in the results, and the attributes that may change."""
         self._label, self._owner = label, owner
         self._declared = frozenset(declared)
         self._names: Sequence[str] = ()
         self._values: list[object] = []
-        self._count = -1  # attributes of the object, those that may change included
+        self._count = -1  # attributes of the object, the declared ones included
         self._containers: list[tuple[str, object]] = []
         self._elements: list[tuple[object, ...]] = []
 
@@ -186,7 +186,7 @@ class QuickWatch:
 
 
 def _elements_of(value: object) -> tuple[object, ...] | None:
-    """Parts that can change while a value stays the same object; None for others and large ones."""
+    """Parts of a value that can change while it stays the same object; None if none, or large."""
     if isinstance(value, ATOMS):
         return None
     if isinstance(value, np.ndarray):

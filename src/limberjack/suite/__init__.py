@@ -84,8 +84,8 @@ def _get_tasks_by_domain(tasks: Iterable[tuple[str, str]]) -> dict[str, tuple[st
 def tasks(tag: str | None = None) -> _Tasks:
     """The current (domain, task) pairs with a tag; all for None.
 
-    Imports all known domains: those of the suite and those registered, assigned to `_DOMAINS` or
-    discovered. Call `find_installed` first to discover those of installed packages.
+    Imports all known domains: the suite's and the ones registered, assigned to `_DOMAINS` or
+    discovered. Call `find_installed` first to discover the domains of installed packages.
     """
     return _get_tasks(tag)
 
@@ -286,7 +286,7 @@ def build_of(
 ) -> Build:
     """Loads the environment of a task, as `original`, and makes others of it for any seed.
 
-    The arguments and errors are those of `load`; another seed takes the place of 'random'.
+    It has the arguments and errors of `load`; another seed takes the place of 'random'.
     """
     env = load(domain_name, task_name, task_kwargs, environment_kwargs)
     loaded = _Loaded(domain_name, task_name, task_kwargs, environment_kwargs)

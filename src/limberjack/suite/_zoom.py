@@ -3,7 +3,7 @@
     heights = zoom(bumps, 201)      # (30, 30) -> (201, 201), float64
 
 It computes what `scipy.ndimage.zoom` does by default (order 3, prefilter, mode 'constant'), with
-the same order of operations, and so spares the package a dependency. The filter is that of Unser,
+the same order of operations, and so spares the package a dependency. The filter comes from Unser,
 "Splines: A perfect fit for signal and image processing" (1999), with mirrored edges.
 """
 

@@ -1,6 +1,6 @@
 """Acrobot: swing up two links with a torque on the elbow; from https://arxiv.org/abs/1801.00690.
 
-The model is that of Coulom (2002), https://theses.hal.science/tel-00003985.
+The model comes from Coulom (2002), https://theses.hal.science/tel-00003985.
 """
 
 import collections
@@ -10,7 +10,8 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Seed
+from limberjack.suite.base import Seed
+from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [

@@ -8,23 +8,54 @@ for a batch. A task that must remember something declares it in `EPISODE_ATTRIBU
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypedDict, TypeVar
 
 import dm_env
 import numpy as np
+from dm_env import specs
 
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.contract import Nested
 from limberjack.rl.copies import control_of
 from limberjack.rl.memory import stand_in
+from limberjack.rl.pixels import PixelOptions, Pixels
+from limberjack.rl.randomize import Draw
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["Kwargs", "Observed", "Picture", "Seed", "Task", "kind_of_start"]
+__all__ = [
+    "Kwargs",
+    "Observed",
+    "Options",
+    "Picture",
+    "Seed",
+    "StepKwargs",
+    "StepOptions",
+    "Task",
+    "kind_of_start",
+]
 
-# Any: keyword arguments of `control.Environment`, which checks them.
-Kwargs = Mapping[str, Any] | None
+
+class Options(TypedDict, total=False):
+    """Keyword arguments of `control.Environment` that every task accepts."""
+
+    flat_observation: bool
+    legacy_step: bool
+    randomize: Mapping[str, Draw] | None
+    pixels: PixelOptions | Pixels | None
+    action_repeat: int
+
+
+class StepOptions(Options, total=False):
+    """The keyword arguments accepted by tasks that do not set the control time step themselves."""
+
+    control_timestep: float | None
+    n_sub_steps: int | None
+
+
+Kwargs = Options | None  # of a factory that sets the control time step
+StepKwargs = StepOptions | None  # of one that does not
 Seed = np.random.RandomState | int | None  # a seed, a stream, or None for an arbitrary seed
 
 # Limit for rejection sampling of starts: the suite's own tasks need a handful of attempts.
@@ -108,7 +139,7 @@ class Task(control.Task[_Physics]):
             raise ValueError(f"Expected a boolean, got {type(value)}.")
         self._visualize_reward = value
 
-    def action_spec(self, physics: _Physics) -> Nested:
+    def action_spec(self, physics: _Physics) -> specs.BoundedArray:
         """Spec of the actuators' controls."""
         return mujoco.action_spec(physics)
 

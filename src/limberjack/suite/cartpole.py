@@ -1,6 +1,6 @@
 """Cart-pole: push a cart along a rail to balance a pole, or several in a chain, or swing them up.
 
-The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections
@@ -12,7 +12,8 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _chain, base, common
 from limberjack.suite import _locomotion as locomotion
-from limberjack.suite.base import Kwargs, Seed
+from limberjack.suite.base import Seed
+from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [

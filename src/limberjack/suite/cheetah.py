@@ -1,7 +1,7 @@
 """Cheetah: a planar body on a back and a front leg runs forward, with six torques.
 
 An episode begins on the ground, after a random pose has come to rest. The reward grows linearly
-with forward speed up to 10 m/s. The task is that of https://arxiv.org/abs/1801.00690.
+with forward speed up to 10 m/s. The task comes from https://arxiv.org/abs/1801.00690.
 """
 
 import collections
@@ -10,7 +10,8 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Seed
+from limberjack.suite.base import Seed
+from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.utils import arrays, containers
 
 __all__ = ["OBSERVATIONS", "PICTURES", "SUITE", "Cheetah", "Physics", "get_model_and_assets", "run"]

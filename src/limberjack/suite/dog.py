@@ -1,7 +1,7 @@
 """Dog: stand, walk, trot, run or fetch a ball, with 38 muscles for 73 hinges.
 
 An episode begins in the default pose, moving and turning, with random activations. The reward is
-a product of factors for posture, weight on the paws, and speed or the ball. The tasks are those of
+a product of factors for posture, weight on the paws, and speed or the ball. The tasks come from
 the DeepMind Control Suite (https://arxiv.org/abs/2006.12983); the model has no bones and no skin.
 """
 

@@ -1,7 +1,7 @@
 """Finger: two links with torques turn a body on a hinge without motor.
 
-`spin` rewards every step in which the body turns fast; `turn_easy` and `turn_hard` those in which
-its tip is in a target. The tasks are those of https://arxiv.org/abs/1801.00690.
+`spin` rewards every step in which the body turns fast; `turn_easy` and `turn_hard` every step in
+which its tip is in a target. The tasks come from https://arxiv.org/abs/1801.00690.
 """
 
 import collections

@@ -1,6 +1,6 @@
 """Fish: turn upright or swim to a target in a fluid, with five position actuators.
 
-An episode begins in a random orientation. The tasks are those of
+An episode begins in a random orientation. The tasks come from
 https://arxiv.org/abs/1801.00690.
 """
 

@@ -1,6 +1,6 @@
 """Hopper: a planar body on one leg stands upright or hops forward, with four torques.
 
-An episode begins in a random pose. The tasks are those of https://arxiv.org/abs/1801.00690.
+An episode begins in a random pose. The tasks come from https://arxiv.org/abs/1801.00690.
 """
 
 import collections

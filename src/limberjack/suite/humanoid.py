@@ -1,8 +1,8 @@
 """Humanoid: stand up, walk or run, with 21 torques.
 
 An episode begins in a random pose above the ground. The reward is the product of terms for a high
-head, an upright torso, low effort and horizontal speed. The model is that of Tassa, Erez & Todorov
-(2012); the tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+head, an upright torso, low effort and horizontal speed. The model comes from Tassa, Erez & Todorov
+(2012); the tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections

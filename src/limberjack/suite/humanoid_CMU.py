@@ -1,6 +1,6 @@
 """Humanoid of CMU's motion capture data: stand up, walk or run, with 56 torques.
 
-The tasks are those of `limberjack.suite.humanoid` with another body, from the DeepMind Control
+The tasks of `limberjack.suite.humanoid` are given another body, from the DeepMind Control
 Suite (https://arxiv.org/abs/1801.00690). Its thorax, where the torso is, has y up and z ahead.
 """
 

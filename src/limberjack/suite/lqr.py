@@ -2,7 +2,7 @@
 
 The system is linear, so `limberjack.suite.lqr_solver` computes the optimal policy. The stiffness of
 the springs is drawn from the random stream once, before its first episode. Episodes have no time
-limit; they end when everything is at rest. The tasks are those of the DeepMind Control Suite
+limit; they end when everything is at rest. The tasks come from the DeepMind Control Suite
 (https://arxiv.org/abs/1801.00690).
 """
 
@@ -16,7 +16,8 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.suite import _chain, base, common
-from limberjack.suite.base import Kwargs, Seed
+from limberjack.suite.base import Seed
+from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.utils import arrays, containers
 
 __all__ = [

@@ -1,6 +1,6 @@
 """Manipulator: a planar arm brings a ball or a peg to a target, or inserts it into a cup or slot.
 
-The object starts in the hand, at the target, or falling at a random position. The tasks are those
+The object starts in the hand, at the target, or falling at a random position. The tasks come from
 of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 

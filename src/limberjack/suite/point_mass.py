@@ -8,7 +8,8 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Seed
+from limberjack.suite.base import Seed
+from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 

@@ -1,7 +1,7 @@
 """Quadruped: walk, run, climb out of a bowl, or fetch a ball, on four legs with 12 actuators.
 
 An episode begins with the torso turned at random, just above the ground; escape draws a terrain
-too. The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+too. The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections

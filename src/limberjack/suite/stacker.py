@@ -1,6 +1,6 @@
 """Stacker: a planar arm puts a box onto a target, which may be on top of other boxes.
 
-The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections

@@ -1,7 +1,7 @@
 """Swimmer: a chain of links in a viscous fluid brings its nose to a target in the plane.
 
-The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690); the swimmer is
-that of Coulom (2002), "Reinforcement learning using neural networks".
+The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690); the swimmer
+comes from Coulom (2002), "Reinforcement learning using neural networks".
 """
 
 import collections

@@ -1,7 +1,7 @@
 """Walker: a planar body on two legs stands, walks or runs, with six torques.
 
-An episode begins in a random pose. The reward is that of a high and upright torso, scaled by
-horizontal speed. The tasks are those of https://arxiv.org/abs/1801.00690.
+An episode begins in a random pose. A high and upright torso is rewarded, scaled by horizontal
+speed. The tasks come from https://arxiv.org/abs/1801.00690.
 """
 
 import collections

@@ -7,8 +7,8 @@
             ...
 
 An episode depends on its setup (task, versions, policy) and its seed alone, so any worker can play
-any unit, twice if need be. The process that reads the results is the only one that writes files.
-Each worker first proves that it has the same identity and plays a few steps to the same bits.
+any unit, even twice. Only the process that reads the results writes files. Each worker first proves
+that it has the same identity and that a few steps give the same bits.
 """
 
 from limberjack.workers.attempt import WorkError

@@ -1,4 +1,4 @@
-"""A unit of work where it is played: errors come back as values, so that none is retried.
+"""Plays a unit of work in its worker; errors are returned as values, which no pool retries.
 
 answer = attempt(function, setup, seeds)     # a module-level function: pools and Ray pickle it
 """
@@ -12,7 +12,7 @@ from limberjack.policies import PolicyError
 from limberjack.utils import described as errors
 from limberjack.workers.setup import Refused, Setup
 
-__all__ = ["Answer", "Failed", "Function", "WorkError", "attempt", "described"]
+__all__ = ["Answer", "Failed", "Function", "WorkError", "attempt", "described", "value_of"]
 
 _Result = TypeVar("_Result")
 _Other = TypeVar("_Other")
@@ -49,7 +49,7 @@ def attempt(
     """The function's result, or the reason why there is none.
 
     Raises:
-      MemoryError: another attempt, with fewer neighbours, may succeed.
+      MemoryError: another attempt, with fewer units on the machine, may succeed.
     """
     try:
         setup.opened()
@@ -62,10 +62,21 @@ def attempt(
         return Failed(described(error))
 
 
-def described(error: BaseException) -> str:
-    """An error on one line: the policy, its step and seed from its notes, the place and the node.
+def value_of(answer: "Answer[_Other] | Failed") -> _Other:
+    """The result of a unit.
 
-    The message of a PolicyError has all but the node.
+    Raises:
+      WorkError: the unit could not be played.
+    """
+    if isinstance(answer, Failed):
+        raise WorkError(answer.message)
+    return answer.value
+
+
+def described(error: BaseException) -> str:
+    """An error on one line, with the policy, step and seed of its notes, its place and the node.
+
+    The message of a PolicyError has all of these but the node.
     """
     is_complete = isinstance(error, PolicyError)
     text = " ".join(str(error).split()) if is_complete else errors.described(error)

@@ -10,19 +10,48 @@ The executor belongs to the caller, and is not shut down here.
 import concurrent.futures
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
-from limberjack.workers.attempt import Answer, Failed, Function, WorkError, attempt
+from limberjack.workers.attempt import Answer, Failed, Function, WorkError, attempt, value_of
 from limberjack.workers.state import OnState, State
 from limberjack.workers.units import Unit
 
-__all__ = ["ExecutorWorkers"]
+__all__ = ["ExecutorWorkers", "in_flight"]
 
-_LOOK = 0.2  # seconds between two looks at jobs that cannot be waited for
+_LOOK = 0.2  # seconds between two checks of jobs that cannot be waited for
 _IN_FLIGHT = 2  # units per worker: one is played, one waits for it
 
 _Result = TypeVar("_Result")
+_Job = TypeVar("_Job")
+
+
+def in_flight(
+    units: Iterable[Unit],
+    workers: int,
+    running: dict[_Job, Unit],
+    submit: Callable[[Unit], _Job],
+    ended: Callable[[], Iterable[_Job]],
+    value: Callable[[_Job, Unit], _Result],
+) -> Iterator[tuple[Unit, _Result]]:
+    """The units with their results, submitted as earlier ones end.
+
+    Args:
+      units: each is submitted once.
+      workers: the number of units that are played at a time.
+      running: takes the jobs that have been submitted and have not ended.
+      submit: submits a unit.
+      ended: waits a while; returns jobs that have ended.
+      value: the result of such a job.
+    """
+    waiting = deque(units)
+    while waiting or running:
+        while waiting and len(running) < _IN_FLIGHT * workers:
+            unit = waiting.popleft()
+            running[submit(unit)] = unit
+        for job in ended():
+            unit = running.pop(job)
+            yield unit, value(job, unit)
 
 
 class ExecutorWorkers:
@@ -54,7 +83,7 @@ class ExecutorWorkers:
         self._executor = executor
         self._workers = workers
         self._on_state = on_state
-        self._running: dict[concurrent.futures.Future[object], Unit] = {}
+        self._running: dict[concurrent.futures.Future, Unit] = {}
 
     def results(
         self, function: Function[_Result], units: Iterable[Unit]
@@ -64,17 +93,15 @@ class ExecutorWorkers:
         Raises:
           WorkError: a unit failed, or the executor broke.
         """
-        waiting, running = deque(units), self._running
+
+        def submit(unit: Unit) -> concurrent.futures.Future[Answer[_Result] | Failed]:
+            try:
+                return self._executor.submit(attempt, function, unit.setup, unit.seeds)
+            except RuntimeError as error:  # it has broken or is shut down
+                raise _broken(error) from error
+
         try:
-            while waiting or running:
-                while waiting and len(running) < _IN_FLIGHT * self._workers:
-                    unit = waiting.popleft()
-                    running[self._submitted(function, unit)] = unit
-                if self._on_state is not None:
-                    self._on_state(State(self._workers, min(self._workers, len(running))))
-                for future in _ended(running):
-                    answer = _answer(future)
-                    yield running.pop(future), answer  # pyright: ignore[reportReturnType]
+            yield from in_flight(units, self._workers, self._running, submit, self._ended, _value)
         finally:
             self.close()
 
@@ -84,36 +111,25 @@ class ExecutorWorkers:
             future.cancel()
         self._running.clear()
 
-    def _submitted(
-        self, function: Function[_Result], unit: Unit
-    ) -> "concurrent.futures.Future[object]":
-        try:
-            return self._executor.submit(attempt, function, unit.setup, unit.seeds)
-        except RuntimeError as error:  # it has broken or is shut down
-            raise _broken(error) from error
+    def _ended(self) -> list[concurrent.futures.Future]:
+        """Reports the state, and waits until a job has ended; returns all that have."""
+        running = self._running
+        if self._on_state is not None:
+            self._on_state(State(self._workers, min(self._workers, len(running))))
+        if all(isinstance(future, concurrent.futures.Future) for future in running):
+            first = concurrent.futures.FIRST_COMPLETED
+            return list(concurrent.futures.wait(running, return_when=first).done)
+        while not (ended := [job for job in running if job.done()]):  # submitit's jobs
+            time.sleep(_LOOK)
+        return ended
 
 
-def _ended(
-    running: "Iterable[concurrent.futures.Future[object]]",
-) -> "list[concurrent.futures.Future[object]]":
-    """Waits until a job has ended; returns all that have."""
-    if all(isinstance(future, concurrent.futures.Future) for future in running):
-        first = concurrent.futures.FIRST_COMPLETED
-        return list(concurrent.futures.wait(running, return_when=first).done)
-    while not (ended := [job for job in running if job.done()]):  # submitit's jobs
-        time.sleep(_LOOK)
-    return ended
-
-
-def _answer(future: "concurrent.futures.Future[object]") -> object:
+def _value(future: concurrent.futures.Future[Answer[_Result] | Failed], unit: Unit) -> _Result:
     try:
         answer = future.result()
     except (Exception, concurrent.futures.CancelledError) as error:
         raise _broken(error) from error
-    if isinstance(answer, Failed):
-        raise WorkError(answer.message)
-    assert isinstance(answer, Answer)
-    return answer.value
+    return value_of(answer)
 
 
 def _broken(error: BaseException) -> WorkError:

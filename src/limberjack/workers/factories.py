@@ -5,9 +5,9 @@
     environment = factory.make(seed=0)
     factory.facts       # {"environment": "my_package:make", "environment_sha256": "..."}
 
-`evaluate`, `record` and `bench.measure` take either. A function is identified by its module and
-name and by the hash of its package. A lambda, a function within a function, a partial or an object
-with `__call__` depends on more than that: it has no hash, so its results cannot be kept.
+`evaluate`, `record` and `bench.measure` take either. A function is identified by its module, its
+name and the hash of its package. A lambda, a function within a function, a partial or an object
+with `__call__` depends on more than its source: it has no hash, so its results cannot be kept.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from limberjack.utils.sources import defined_in, hash_of_source, imported
 
 __all__ = ["Factory", "Make", "factory_of"]
 
-# An environment whose first episode is that of its seed.
+# Makes an environment whose first episode belongs to the seed.
 Make = Callable[[int], dm_env.Environment]
 
 
@@ -36,12 +36,10 @@ class Factory:
 
     Attributes:
       title: its name in pictures and messages.
-      facts: what identifies it in results: `domain` and `task`, or `environment` and
+      facts: its identity in results: `domain` and `task`, or `environment` and
         `environment_sha256`.
-      make: an environment whose first episode is that of the seed; raises ValueError if there is no
-        such domain, task or time limit, and TypeError if the function makes something other than
-        an environment.
-      time_limit: seconds per episode of a task of the suite; None for the task's own.
+      make: makes an environment whose first episode belongs to the seed; raises ValueError if there
+        is no such domain, task or time limit, and TypeError if the function makes something else.
     """
 
     title: str
@@ -72,7 +70,7 @@ class Factory:
             raise
 
     def full_length(self) -> "Factory":
-        """The same without a time limit that was asked for, so with the task's own."""
+        """The same factory with the task's own time limit."""
         domain, task = self.facts.get("domain"), self.facts.get("task")
         return self if domain is None or task is None else _of_the_suite(domain, task, None)
 
@@ -117,7 +115,7 @@ def factory_of(
     def make(seed: int) -> dm_env.Environment:
         first = checked_seed(seed)
         with Locating(f"environment {name!r}, as it is made with seed {first}"):
-            return _checked(name, domain(first))
+            return Build(domain, name).make(first)
 
     return Factory(name, facts, make)
 
@@ -138,12 +136,3 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
         return suite.load(domain, task, {"random": checked_seed(seed), **more})
 
     return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make, time_limit)
-
-
-def _checked(name: str, made: object) -> dm_env.Environment:
-    if not isinstance(made, dm_env.Environment):
-        raise TypeError(
-            f"{name} made a {type(made).__name__}; expected a dm_env.Environment, such as a "
-            "limberjack.rl.control.Environment"
-        )
-    return made

@@ -22,7 +22,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO, Literal, TypeVar
 
-from limberjack.workers.attempt import Answer, Failed, Function, WorkError, described
+from limberjack.workers.attempt import Answer, Failed, Function, WorkError, described, value_of
 from limberjack.workers.process import OUT_OF_MEMORY, read_message, write_message
 from limberjack.workers.state import OnState, State
 from limberjack.workers.units import Unit
@@ -56,6 +56,9 @@ class _Lost:
             self.how = f"exit status {returncode}"
 
 
+_Answer = Answer | Failed | _Lost
+
+
 def _name_of(number: int) -> str:
     """The name of a signal; its number where it has none, as most real-time signals."""
     try:
@@ -67,7 +70,7 @@ def _name_of(number: int) -> str:
 class _Worker(threading.Thread):
     """Starts a process when there is a unit for it, and replaces one that has ended."""
 
-    def __init__(self, answers: "queue.SimpleQueue[tuple[_Worker, object]]") -> None:
+    def __init__(self, answers: "queue.SimpleQueue[tuple[_Worker, _Answer]]") -> None:
         super().__init__(daemon=True)
         self.state: Literal["idle", "starting", "playing"] = "idle"
         self.unit: Unit | None = None
@@ -97,8 +100,8 @@ class _Worker(threading.Thread):
         while (given := self._given.get()) is not None:
             try:
                 answer = self._played(*given)
-            # A function without a name, a result of an unknown class, too many open files: without
-            # an answer, the driver would wait for ever.
+            # Such as a function without a name, a result of an unknown class, or too many open
+            # files. Without an answer, the driver would wait forever.
             except Exception as error:
                 answer = Failed(described(error))
             self.state = "idle"
@@ -106,7 +109,7 @@ class _Worker(threading.Thread):
         if self._process is not None:
             _ended(self._process)
 
-    def _played(self, function: object, unit: Unit) -> object:
+    def _played(self, function: object, unit: Unit) -> "_Answer":
         process = self._living()
         if process is None:
             return _Lost(0)  # closing: nobody reads the answer
@@ -147,7 +150,7 @@ class Pool:
 
     def __init__(self, workers: int, on_state: OnState | None = None) -> None:
         """Takes the number of processes, which are started when there are units for them."""
-        self._answers: queue.SimpleQueue[tuple[_Worker, object]] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[tuple[_Worker, _Answer]] = queue.SimpleQueue()
         self._workers = [_Worker(self._answers) for _ in range(workers)]
         self._lost = 0
         self._on_state = on_state
@@ -178,13 +181,11 @@ class Pool:
                     raise WorkError(_too_often(unit, answer))
                 waiting.appendleft(unit)
                 continue
-            if isinstance(answer, Failed):
-                raise WorkError(answer.message)
-            assert isinstance(answer, Answer)
-            if waiting:  # so that the worker plays on while the caller writes
+            value = value_of(answer)
+            if waiting:  # now, so that the worker plays while the caller writes
                 idle.pop().give(function, waiting.popleft())
                 playing += 1
-            yield unit, answer.value
+            yield unit, value
 
     def close(self) -> None:
         """Ends all processes at once; may be called twice."""
@@ -199,7 +200,7 @@ class Pool:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _next_answer(self) -> tuple[_Worker, object]:
+    def _next_answer(self) -> tuple[_Worker, _Answer]:
         """Waits for an answer, and reports the workers' state meanwhile."""
         while True:
             if self._on_state is not None:

@@ -26,7 +26,7 @@ __all__ = ["LENGTH", "OUT_OF_MEMORY", "main", "read_message", "write_message"]
 LENGTH = struct.Struct("<Q")  # of the message that follows, in bytes
 OUT_OF_MEMORY = 71  # exit status
 
-# Where memory runs out, Linux ends a worker, whose unit is played again, and not the driver.
+# If memory runs out, Linux ends a worker, whose unit is played again, instead of the driver.
 _OOM_SCORE = "500"
 
 
@@ -89,7 +89,7 @@ def _read(stream: BinaryIO, count: int) -> bytes:
 
 
 def _private_streams() -> tuple[BinaryIO, BinaryIO]:
-    """Output and input under numbers of their own; what is printed goes to standard error."""
+    """Output and input with file numbers of their own; prints go to standard error."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     units = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

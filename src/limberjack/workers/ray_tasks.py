@@ -14,12 +14,12 @@ No other file imports ray.
 import logging
 import socket
 import time
-from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
 from limberjack.utils.requirements import missing_extra
-from limberjack.workers.attempt import Answer, Failed, Function, WorkError, attempt
+from limberjack.workers.attempt import Answer, Failed, Function, WorkError, attempt, value_of
+from limberjack.workers.executors import in_flight
 from limberjack.workers.setup import Setup
 from limberjack.workers.state import OnState, State
 from limberjack.workers.units import Unit
@@ -35,8 +35,7 @@ __all__ = ["LOCAL", "RayTasks"]
 LOCAL = "local"  # in place of an address: Ray on this machine
 
 _RETRIES = 2  # of a unit that has lost its worker: three attempts in all
-_IN_FLIGHT = 2  # units per worker: one is played, one waits for it
-_LOOK = 1.0  # seconds between two looks at the nodes
+_LOOK = 1.0  # seconds between two checks of the nodes
 _CONNECT = 10.0  # seconds in which the head of a cluster must answer
 
 _Result = TypeVar("_Result")
@@ -75,16 +74,19 @@ class RayTasks:
         Raises:
           WorkError: a unit failed, or lost its worker three times.
         """
-        waiting, running = deque(units), self._running
-        while waiting or running:
-            while waiting and len(running) < _IN_FLIGHT * self._workers:
-                unit = waiting.popleft()
-                running[self._task.remote(function, self._shared(unit.setup), unit.seeds)] = unit
-            self._report()
-            done, _ = ray.wait(list(running), num_returns=1, timeout=_LOOK)
-            for reference in done:
-                unit = running.pop(reference)
-                yield unit, _value(unit, reference)  # pyright: ignore[reportReturnType]
+
+        def submit(unit: Unit) -> object:
+            return self._task.remote(function, self._shared(unit.setup), unit.seeds)
+
+        def value(reference: object, unit: Unit) -> _Result:
+            try:
+                answer: Answer[_Result] | Failed = ray.get(reference)
+            except ray.exceptions.RayError as error:
+                first = " ".join(str(error).split())
+                raise WorkError(f"{unit} lost {_RETRIES + 1} workers: {first}") from error
+            return value_of(answer)
+
+        return in_flight(units, self._workers, self._running, submit, self._ended, value)
 
     def close(self) -> None:
         """Cancels what is running, and ends the Ray that was started here."""
@@ -100,6 +102,11 @@ class RayTasks:
         if setup.key not in self._setups:
             self._setups[setup.key] = ray.put(setup)
         return self._setups[setup.key]
+
+    def _ended(self) -> list[object]:
+        """Reports the state, and waits for a job to end; returns it, or nothing after a while."""
+        self._report()
+        return ray.wait(list(self._running), num_returns=1, timeout=_LOOK)[0]
 
     def _report(self) -> None:
         """Reports the number of running units, and nodes that have been lost since."""
@@ -157,15 +164,3 @@ def _check_reachable(address: str) -> None:
 def _living_nodes() -> dict[str, str]:
     """Addresses of the nodes that are alive, by id."""
     return {node["NodeID"]: node["NodeManagerAddress"] for node in ray.nodes() if node["Alive"]}
-
-
-def _value(unit: Unit, reference: object) -> object:
-    try:
-        answer = ray.get(reference)
-    except ray.exceptions.RayError as error:
-        first = " ".join(str(error).split())
-        raise WorkError(f"{unit} lost {_RETRIES + 1} workers: {first}") from error
-    if isinstance(answer, Failed):
-        raise WorkError(answer.message)
-    assert isinstance(answer, Answer)
-    return answer.value

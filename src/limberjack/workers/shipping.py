@@ -1,11 +1,11 @@
-"""Policies on their way to a worker: built-in ones by name, modules by source, models as bytes.
+"""Sends policies to workers: built-in ones by name, modules by source, models as bytes.
 
     shipped = ship("my_policies:still")       # in the driver
     actor = unpack(shipped, environment, 1)   # in a worker
 
 A worker imports MODULE:CALLABLE from its own files if it has that module, so that weights beside it
 are found; a worker without it imports the source that was shipped, and writes nothing to a file.
-The policy's hash shows whether the module is the same one: see `limberjack.workers.setup`.
+The policy's hash shows whether both have the same module; see `limberjack.workers.setup`.
 """
 
 import dataclasses
@@ -51,7 +51,7 @@ def ship(policy: object) -> Shipped:
     """A policy that other processes can use, given as to `policies.find`.
 
     Raises:
-      PolicyError: there is none of that name, or other processes cannot import it.
+      PolicyError: no policy has that name, or other processes cannot import it.
     """
     name = policy if isinstance(policy, str) else _name_of(policy)
     if policies.is_saved_model(name):
@@ -86,7 +86,7 @@ def unpack(shipped: Shipped, environment: dm_env.Environment, num_threads: int |
     module = shipped.name.partition(":")[0]
     if module not in sys.modules and not _has(module):
         _import_shipped(module, shipped.source)
-    # Threads of an executor, such as those of a worker of Dask, are not the main one.
+    # An executor, such as Dask's, may play units in a thread that is not the main one.
     is_shared = threading.current_thread() is not threading.main_thread()
     actor = policies.find(shipped.name, environment, num_threads=num_threads, is_shared=is_shared)
     if source_of_module(module) is None:  # imported from what was shipped
@@ -119,7 +119,7 @@ def _has(module: str) -> bool:
 
 
 def _import_shipped(module: str, source: Source) -> None:
-    """Imports a module that this process has no file of; its package's modules can be imported too.
+    """Imports a module that this process lacks, and makes its package's modules importable.
 
     Raises:
       ImportError: a package that it needs is not installed.

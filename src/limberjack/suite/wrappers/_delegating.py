@@ -26,7 +26,9 @@ class Wrapper(dm_env.Environment):
         """Steps the wrapped environment."""
         return self._env.step(action)
 
-    def action_spec(self) -> specs.BoundedArray:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def action_spec(  # pyright: ignore[reportIncompatibleMethodOverride] (dm_env declares no type)
+        self,
+    ) -> specs.BoundedArray:
         """The wrapped environment's action spec."""
         return self._env.action_spec()
 

@@ -8,16 +8,19 @@ Needs OpenGL. Frames are not stacked, and the order of their axes is not changed
 
 import collections
 from collections.abc import Mapping, MutableMapping
-from typing import Any
+from typing import TypeVar
 
 import dm_env
 import numpy as np
 from dm_env import specs
 from numpy.typing import ArrayLike
 
+from limberjack.rl.observations import of_type
 from limberjack.suite.wrappers import _delegating
 
 __all__ = ["STATE_KEY", "Wrapper"]
+
+_V = TypeVar("_V")
 
 # Name of an observation that is a single array, next to the pixels.
 STATE_KEY = "state"
@@ -46,9 +49,9 @@ class Wrapper(_delegating.Wrapper):
           RenderingError: OpenGL is not available.
         """
         super().__init__(env)
-        spec: Any = env.observation_spec()  # a spec, or a mapping of specs
+        spec: object = env.observation_spec()
         self._is_dict = isinstance(spec, MutableMapping)
-        if not self._is_dict and not isinstance(spec, specs.Array):
+        if not isinstance(spec, MutableMapping | specs.Array):
             raise ValueError(
                 f"env.observation_spec() is a {type(spec).__name__}; expected a dict of array "
                 "specs or one array spec"
@@ -75,7 +78,7 @@ class Wrapper(_delegating.Wrapper):
         """Steps the wrapped environment and renders it."""
         return self._seen(self._env.step(action))
 
-    def observation_spec(self) -> MutableMapping[str, Any]:  # specs of the wrapped environment
+    def observation_spec(self) -> MutableMapping[str, specs.Array]:
         """The spec of the picture, with those of the other observations unless `pixels_only`."""
         return self._observation_spec
 
@@ -86,13 +89,12 @@ class Wrapper(_delegating.Wrapper):
     def _picture(self) -> np.ndarray:
         return self._env.physics.render(**self._render_kwargs)
 
-    # Any: observations of the wrapped environment.
-    def _with(self, state: Any, picture: object) -> MutableMapping[str, Any]:
+    def _with(self, state: object, picture: _V) -> MutableMapping[str, _V]:
         """Observations, or their specs, together with the picture or its spec."""
         if self._pixels_only:
             both = collections.OrderedDict()
-        elif self._is_dict:
-            both = type(state)(state)
+        elif self._is_dict and isinstance(state, Mapping):
+            both = of_type(state, state)
         else:
             both = collections.OrderedDict({STATE_KEY: state})
         both[self._observation_key] = picture
