@@ -244,7 +244,8 @@ def _set_lines(found: "SetEvaluation") -> list[str]:
     bounds = "" if interval is None else " ({:.3f} to {:.3f})".format(*interval)
     lines = [
         f"{tasks}, {runs}: interquartile mean of the scores {found.interquartile_mean:.3f}{bounds}",
-        "score: return / 1000; interval: 95 %, by stratified bootstrap over runs",
+        "score: return / 1000"
+        + ("" if interval is None else "; interval: 95 %, by stratified bootstrap over runs"),
     ]
     if len(found.runs) > 1:
         shares = ", ".join(f"{at} %: {value:.3f}" for at, value in found.percentiles.items())
