@@ -1,4 +1,4 @@
-"""`Batch`: the interface of a batch of episodes, of either kind; `Lockstep`: what both share.
+"""`Batch`: the interface of a batch of episodes, of either kind; `Lockstep`: their common parts.
 
     batch: Batch = rl.batch_of(environment, num_envs=16)
 
@@ -188,7 +188,7 @@ class Batch(Protocol):
 
 
 class Lockstep(abc.ABC):
-    """What both kinds of batch do in the same way."""
+    """The parts of a batch that do not depend on its kind."""
 
     num_envs: int
     first_row = 0  # number of the first row in messages; not 0 for the half of a batch
