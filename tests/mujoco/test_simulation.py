@@ -125,6 +125,8 @@ def test_states_are_judged_row_by_row() -> None:
 def test_fields_are_read_live_with_those_of_the_options() -> None:
     model = mujoco.MjModel.from_xml_string(_FREE)
     mass, gravity = read_field(model, "body_mass"), read_field(model, "opt.gravity")
+    assert isinstance(mass, np.ndarray)
+    assert isinstance(gravity, np.ndarray)
     model.body_mass[1], model.opt.gravity[2] = 7.0, -1.0
     assert (mass[1], gravity[2]) == (7.0, -1.0)
     for name in ("body_mas", "opt.gravty"):

@@ -103,11 +103,12 @@ class BatchState(TypedDict):
     Attributes:
       parts: see `DeviceBatch.parts`.
       rows: see `DeviceBatch.read_rows`.
-      steps, terminated, truncated: those of the counter.
-      ring, head, tail: values, head and tail of the ring of starts.
-      owed: new starts that are due, a fraction of the number that is drawn together.
+      steps, terminated, truncated: see `Counter`.
+      ring, head, tail: the ring of starts, the number of the next one to use, and of the next one
+        to replace.
+      owed: number of new starts that are due, perhaps fractional.
       random: state of the stream that later seeds are drawn from.
-      seeds: those of the rows.
+      seeds: of the rows.
     """
 
     parts: list[str]

@@ -20,7 +20,7 @@ from typing import NamedTuple, Protocol, TypeVar
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.pictures import Overlay, Style, draw, finished
+from limberjack.mujoco.pictures import Contents, Overlay, Style, draw, finished
 from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
 from limberjack.mujoco.wrapper import MjData, MjModel, MjvCamera, MjvOption, MjvScene
 from limberjack.mujoco.wrapper.util import to_binary_string
@@ -211,7 +211,7 @@ class Camera:
         with self._lock:
             mujoco.mjv_updateScene(*self._contents(scene_option), self._scene)
 
-    def _contents(self, scene_option: mujoco.MjvOption | None) -> tuple:
+    def _contents(self, scene_option: mujoco.MjvOption | None) -> Contents:
         return _contents(self._physics, self._render_camera, scene_option or self._scene_option)
 
     def render(
@@ -512,13 +512,13 @@ def _may_have_changed(physics: Drawable) -> bool:
     return physics.model._is_lent
 
 
-def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> tuple:
+def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> Contents:
     """Arguments of `mjv_updateScene` for the physics' current state."""
     return physics.model._model, physics.data._data, option, None, view, _EVERYTHING
 
 
 def _with_callback(
-    contents: tuple, physics: Drawable, scene: MjvScene, callback: SceneCallback
+    contents: Contents, physics: Drawable, scene: MjvScene, callback: SceneCallback
 ) -> None:
     """Updates the scene and applies the callback, in the caller's thread."""
     mujoco.mjv_updateScene(*contents, scene)

@@ -85,7 +85,9 @@ class Physics(_control.Physics):
         return cls(wrapper.MjData(model))
 
     @classmethod
-    def from_xml_string(cls, xml_string: str | bytes, assets: dict | None = None) -> Self:
+    def from_xml_string(
+        cls, xml_string: str | bytes, assets: dict[str, bytes] | None = None
+    ) -> Self:
         """A simulation of a model given as MJCF text.
 
         Args:
@@ -98,7 +100,7 @@ class Physics(_control.Physics):
         return cls.from_model(wrapper.MjModel.from_xml_string(xml_string, assets=assets))
 
     @classmethod
-    def from_shared_xml(cls, xml_string: str | bytes, assets: dict) -> Self:
+    def from_shared_xml(cls, xml_string: str | bytes, assets: dict[str, bytes]) -> Self:
         """Like `from_xml_string`, but shares the compiled model between equal sources.
 
         The MJCF must refer only to files in `assets`. The model is copied on write, so sharing has
@@ -123,7 +125,9 @@ class Physics(_control.Physics):
         """A simulation of a binary model file."""
         return cls.from_model(wrapper.MjModel.from_binary_path(file_path))
 
-    def reload_from_xml_string(self, xml_string: str | bytes, assets: dict | None = None) -> None:
+    def reload_from_xml_string(
+        self, xml_string: str | bytes, assets: dict[str, bytes] | None = None
+    ) -> None:
         """Replaces the simulation by one of another model, as from `from_xml_string`."""
         self._reload_from_data(wrapper.MjData(wrapper.MjModel.from_xml_string(xml_string, assets)))
 

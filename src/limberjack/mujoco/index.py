@@ -386,7 +386,7 @@ def _frozen(key: object) -> Hashable:
     return None
 
 
-def _frozen_list(key: list) -> Hashable:
+def _frozen_list(key: list[object]) -> Hashable:
     kinds = set(map(type, key))
     if kinds == {str} or kinds == {int}:
         return (list, *kinds, *key)

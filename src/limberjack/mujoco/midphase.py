@@ -169,7 +169,7 @@ def _world_with_spheres(frames: tuple[tuple[float, ...], ...], radius: float) ->
     return spec.compile()
 
 
-def _touches(model: mujoco.MjModel, data: mujoco.MjData, disabled: int) -> list:
+def _touches(model: mujoco.MjModel, data: mujoco.MjData, disabled: int) -> list[list[int]]:
     """Pairs of geoms in contact, in MuJoCo's order."""
     model.opt.disableflags = disabled
     mujoco.mj_kinematics(model, data)

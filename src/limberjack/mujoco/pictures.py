@@ -18,7 +18,10 @@ from limberjack.mujoco.wrapper import MjvScene
 from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Overlay", "Style", "draw", "finished"]
+__all__ = ["Contents", "Overlay", "Style", "draw", "finished"]
+
+# Arguments of `mjv_updateScene` before the scene; None is the perturbation.
+Contents = tuple[mujoco.MjModel, mujoco.MjData, mujoco.MjvOption, None, mujoco.MjvCamera, int]
 
 # Flag overrides per quality: 'full' uses the scene's own flags, as dm_control does.
 _QUALITIES: dict[str, dict[str, bool]] = {
@@ -88,7 +91,7 @@ def draw(
     style: Style,
     height: int,
     width: int,
-    contents: tuple | None = None,
+    contents: Contents | None = None,
 ) -> np.ndarray:
     """Pixels, (height, width, 3) uint8, or depth buffer, (height, width) float32; bottom row first.
 

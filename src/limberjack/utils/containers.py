@@ -13,7 +13,7 @@ A mapping from names to factories, in the order in which they were added.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from limberjack.utils.suggest import did_you_mean
 
@@ -24,7 +24,8 @@ _NAME_ALREADY_EXISTS = (
     "allow_overriding_keys=True to replace it"
 )
 
-_Factory = Callable[..., object]
+# Any: a factory returns the environment of its domain, with its own types of task and physics.
+_Factory = Callable[..., Any]
 _F = TypeVar("_F", bound=_Factory)
 
 

@@ -8,7 +8,6 @@ Fields are looked up dynamically; none are listed here.
 """
 
 import operator
-from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -83,7 +82,7 @@ class MjData:
         return self._model
 
     @property
-    def contact(self) -> Sequence[mujoco.MjContact]:
+    def contact(self) -> "mujoco._structs._MjContactList":
         """The contacts found in the last forward pass."""
         return self._data.contact[: self._data.ncon]
 
@@ -114,7 +113,7 @@ class MjData:
     def __copy__(self) -> "MjData":
         return self._make_copy(share_model=True)
 
-    def __deepcopy__(self, memo: dict) -> "MjData":
+    def __deepcopy__(self, memo: dict[int, object]) -> "MjData":
         return self._make_copy(share_model=False)
 
     def _make_copy(self, share_model: bool) -> "MjData":

@@ -110,11 +110,13 @@ class MjModel(CopyOnWrite):
         """A copy; changes to it do not affect this model."""
         return self.__copy__()
 
-    def __deepcopy__(self, memo: dict) -> "MjModel":
+    def __deepcopy__(self, memo: dict[int, object]) -> "MjModel":
         return self.__copy__()
 
     @classmethod
-    def from_xml_string(cls, xml_string: str | bytes, assets: dict | None = None) -> "MjModel":
+    def from_xml_string(
+        cls, xml_string: str | bytes, assets: dict[str, bytes] | None = None
+    ) -> "MjModel":
         """Compiles MJCF or URDF text.
 
         Args:

@@ -4,12 +4,15 @@ ahead, aside = in_hand(data, data.site_xpos["ball"])  # metres from the grasp si
 target = finger_angle(0.011)  # radians, for fingertips 11 mm from the hand's middle line
 """
 
+from typing import overload
+
 import numpy as np
 
 from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.settings import Settings
+from limberjack.utils.arrays import Quantity
 
 __all__ = [
     "ARM",
@@ -88,7 +91,15 @@ def finger_angle(width: float) -> float:
     return float(np.arccos(reach) - np.arctan2(ahead, aside))
 
 
-def near(distance: np.ndarray, scale: float) -> np.ndarray:
+@overload
+def near(distance: np.ndarray, scale: float) -> np.ndarray: ...
+
+
+@overload
+def near(distance: Quantity, scale: float) -> Quantity: ...
+
+
+def near(distance: Quantity, scale: float) -> Quantity:
     """Closeness: 1 at no distance, a half at the scale, (...)."""
     return 1.0 / (1.0 + (distance / scale) ** 4)
 

@@ -29,6 +29,7 @@ from limberjack.planner.arm.hand import (
 from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 from limberjack.planner.cost import AnyTask
 from limberjack.utils import arrays
+from limberjack.utils.arrays import Quantity
 
 __all__ = [
     "BACK",
@@ -148,11 +149,11 @@ class Ball:
         """One less the cosine between the hand and straight down, 0 up to 20 degrees, (...)."""
         return np.maximum(against_hand(data, downwards(data.site_xpos["ball"])) - 0.06, 0.0)
 
-    def firmness(self, data: NamedFields, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def firmness(self, data: NamedFields, offset: tuple[Quantity, Quantity]) -> np.ndarray:
         """1 where the ball is right between the closed fingers, 0 far from there, (N,)."""
         return _enclosed(data, self, offset)
 
-    def opening(self, offset: tuple[np.ndarray, np.ndarray]) -> float:
+    def opening(self, offset: tuple[Quantity, Quantity]) -> float:
         """The fingers' angle with which the hand comes, radians."""
         return self.ready
 
@@ -216,11 +217,11 @@ class Peg:
         """One less the cosine between the hand and the peg, (...)."""
         return against_hand(data, _forward(data.site_xmat["peg"]))
 
-    def firmness(self, data: NamedFields, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def firmness(self, data: NamedFields, offset: tuple[Quantity, Quantity]) -> np.ndarray:
         """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
         return _enclosed(data, self, offset) * near(self.misalignment(data), 0.15)
 
-    def opening(self, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def opening(self, offset: tuple[Quantity, Quantity]) -> np.ndarray:
         """The fingers' angle with which the hand comes, or releases a peg too deep in it, (N,)."""
         ahead, aside = offset
         # A guard that is no more than 12 mm behind the fingertips keeps a peg in the hand.
@@ -300,7 +301,7 @@ def is_on_arm(data: NamedFields) -> bool:
     return bool(clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < 0.015)
 
 
-def across(data: NamedFields, turn: np.ndarray) -> np.ndarray:
+def across(data: NamedFields, turn: Quantity) -> np.ndarray:
     """Cost of fingertips near a peg that a turned hand is not around, (N,): they would pin it.
 
     The turn is one less the cosine between hand and peg, (N,).
@@ -318,9 +319,7 @@ def _forward(frame: np.ndarray) -> np.ndarray:
     return in_world(frame, Peg.forward)
 
 
-def _enclosed(
-    data: NamedFields, prop: Ball | Peg, offset: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
+def _enclosed(data: NamedFields, prop: Ball | Peg, offset: tuple[Quantity, Quantity]) -> np.ndarray:
     """1 where an object at an offset in the hand is between the closed fingers, 0 far off, (N,)."""
     ahead, aside = offset
     ahead = ahead - np.clip(ahead, 0.0, prop.slack)

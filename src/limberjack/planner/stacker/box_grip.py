@@ -10,6 +10,7 @@ import numpy as np
 
 from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import OPEN_ANGLE, PLAY, closing, in_hand, near
+from limberjack.utils.arrays import Quantity
 
 __all__ = ["HIGH", "PRESS", "Grip", "fetching", "grip_of", "how_held", "ready"]
 
@@ -22,12 +23,12 @@ _NEARLY = np.radians(8.0)  # of fingers that come to a box: there is room, and t
 class Grip(NamedTuple):
     """Position of the hand relative to a box, (...) each."""
 
-    ahead: np.ndarray  # position of the box along the hand, metres from the grasp site
-    aside: np.ndarray
-    askew: np.ndarray  # 0 for fingers that are parallel to the box's sides, up to 0.25
-    closed: np.ndarray  # angle by which the fingers have turned, radians
-    turning: np.ndarray  # their speed, radians per second
-    tilt: np.ndarray  # 0 for a hand that points down, up to 2
+    ahead: Quantity  # position of the box along the hand, metres from the grasp site
+    aside: Quantity
+    askew: Quantity  # 0 for fingers that are parallel to the box's sides, up to 0.25
+    closed: Quantity  # angle by which the fingers have turned, radians
+    turning: Quantity  # their speed, radians per second
+    tilt: Quantity  # 0 for a hand that points down, up to 2
 
 
 class _Hold(NamedTuple):

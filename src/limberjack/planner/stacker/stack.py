@@ -33,6 +33,7 @@ from limberjack.planner.stacker.tower import (
     turned,
 )
 from limberjack.utils import arrays
+from limberjack.utils.arrays import Quantity
 
 __all__ = ["Stack", "Stage"]
 
@@ -283,7 +284,7 @@ class Stack(Cost):
         return found[random.permutation(len(found))]
 
 
-def _grasp(physics: Physics, standing: np.ndarray) -> np.ndarray:
+def _grasp(physics: Physics, standing: Quantity) -> np.ndarray:
     """Error of the grasp's control, which holds a box, or releases one that stands, (N,)."""
     press = physics.named.data.ctrl["grasp"]
     return np.where(standing < 0.5, 0.3 * np.abs(press - PRESS), 0.15 * (1.0 + press))
