@@ -172,7 +172,7 @@ def _recipe(identity: Facts, environment: dm_env.Environment, kept: Kept, file_m
     return recipe_of(facts, environment, kept, file_mb)
 
 
-def _call(missing: Sequence[int], command: str, canary: str, scale: Scale) -> Facts:
+def _call(missing: Sequence[int], command: str, canary: str, scale: Scale) -> dict[str, object]:
     """An entry of run.json, for everything that the files do not depend on."""
     return {
         "began": _now(),

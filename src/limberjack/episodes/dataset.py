@@ -33,7 +33,6 @@ from limberjack.episodes.parquet import Shard
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.statistics import Score, Summary, strata, summarise
 from limberjack.rl.guards import at_least_one
-from limberjack.utils.facts import Facts
 
 __all__ = ["Batch", "Dataset", "Information", "inform", "load"]
 
@@ -404,7 +403,7 @@ class Information:
     strata: dict[str, Summary]
     files: dict[str, str]
 
-    def as_json(self) -> Facts:
+    def as_json(self) -> dict[str, object]:
         """All of it by name, as values of JSON."""
         return {
             **self.recipe.facts,

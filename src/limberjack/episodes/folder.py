@@ -24,7 +24,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from limberjack.episodes.manifest import (
@@ -351,7 +351,7 @@ class Folder:
         with replacing(path) as partial:
             partial.write_text(text, "utf-8")
 
-    def log(self, call: Facts) -> None:
+    def log(self, call: Mapping[str, object]) -> None:
         """Writes a call to run.json, in the place of an entry that began at the same time."""
         is_first = self._logged is None
         earlier = [one for one in _calls(self._run) if one.get("began") != call["began"]]

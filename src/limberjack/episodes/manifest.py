@@ -20,7 +20,7 @@ from pathlib import Path
 
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.recipe import FORMAT, Recipe, is_whole, seeds_of
-from limberjack.utils.facts import Facts, title_of
+from limberjack.utils.facts import title_of
 from limberjack.utils.files import open_regular
 
 __all__ = [
@@ -63,7 +63,7 @@ class File:
         """The file's name."""
         return file_name(self.seeds)
 
-    def as_json(self, returns: Sequence[float | None]) -> Facts:
+    def as_json(self, returns: Sequence[float | None]) -> dict[str, object]:
         """The file and the returns of its episodes as values of JSON."""
         return {
             "name": self.name,

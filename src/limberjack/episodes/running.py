@@ -114,7 +114,7 @@ class Run:
             self._player.close()
             raise
 
-    def _facts_of(self, identity: Facts) -> Facts:
+    def _facts_of(self, identity: Facts) -> dict[str, object]:
         """The facts of the result."""
         names = [*self._player.factory.facts, "policy", "time_limit", "control_timestep"]
         repeat = [] if self._player.action_repeat == 1 else ["action_repeat"]

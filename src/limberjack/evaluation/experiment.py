@@ -189,13 +189,13 @@ def _evaluation(identity: Facts, policy: str, store: Store, seeds: Sequence[int]
     return Evaluation(facts, {n: [store.scores[n][seed] for seed in seeds] for n in names})
 
 
-def _played_with(store: Store, identity: Facts) -> Facts:
+def _played_with(store: Store, identity: Facts) -> dict[str, object]:
     """The versions that played the episodes, if others than the present ones did."""
     present = [identity["versions"]]
     return {} if store.versions == present else {"versions_of_episodes": store.versions}
 
 
-def _asked_for(seeds: Sequence[int]) -> Facts:
+def _asked_for(seeds: Sequence[int]) -> dict[str, object]:
     """The seeds, and the definitions of success and of the interval."""
     first, end = (seeds[0], seeds[-1] + 1) if seeds else (0, 0)
     is_range = seeds == list(range(first, end))

@@ -34,7 +34,6 @@ from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.sets import TaskSet
 from limberjack.policies import PolicyError
-from limberjack.utils.facts import Facts
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
 
@@ -112,7 +111,7 @@ class SetEvaluation:
         """Percentiles over runs of their mean scores."""
         return statistics.percentiles(self.scores)
 
-    def as_json(self) -> Facts:
+    def as_json(self) -> dict[str, object]:
         """The content of set.json."""
         scores = self.scores
         summary = {
@@ -317,7 +316,7 @@ def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> Tas
     )
 
 
-def _asked_for(task_set: TaskSet, runs: Sequence[str]) -> Facts:
+def _asked_for(task_set: TaskSet, runs: Sequence[str]) -> dict[str, object]:
     """The facts that identify the results of a folder."""
     return {
         "set": task_set.name,
@@ -330,7 +329,7 @@ def _asked_for(task_set: TaskSet, runs: Sequence[str]) -> Facts:
     }
 
 
-def _check_folder(directory: Path, asked_for: Facts) -> None:
+def _check_folder(directory: Path, asked_for: Mapping[str, object]) -> None:
     """Raises ValueError if a folder holds other results, or anything else."""
     path = directory / SUMMARY
     if not path.exists():
@@ -358,7 +357,7 @@ def _written(result: SetEvaluation, directory: Path) -> SetEvaluation:
     return dataclasses.replace(result, files=(path,))
 
 
-def _write(path: Path, content: Facts) -> None:
+def _write(path: Path, content: Mapping[str, object]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial:
         partial.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -101,9 +101,9 @@ def write(evaluation: Evaluation, directory: Path, command: str) -> Evaluation:
     return dataclasses.replace(evaluation, files=(*files, picture))
 
 
-def _entry(score: Score) -> Facts:
+def _entry(score: Score) -> dict[str, object]:
     """An episode as `limberjack run` writes it, with its final reward and success."""
-    entry: Facts = {"seed": score.seed, "return": score.total, "length": score.length}
+    entry: dict[str, object] = {"seed": score.seed, "return": score.total, "length": score.length}
     if score.start is not None:
         entry["start"] = score.start
     entry |= {"final_reward": score.final_reward, "success": score.success}
@@ -112,7 +112,7 @@ def _entry(score: Score) -> Facts:
     return {**entry, "diverged": True} if score.diverged else entry
 
 
-def _processors(scores: list[Score]) -> Facts:
+def _processors(scores: list[Score]) -> dict[str, object]:
     """The processors of episodes, where they were recorded."""
     processors = [score.processor for score in scores]
     return {"processors": processors} if any(processors) else {}

@@ -106,8 +106,8 @@ def as_result(
     }
 
 
-def _episode_entry(episode: Played) -> Facts:
-    entry: Facts = {
+def _episode_entry(episode: Played) -> dict[str, object]:
+    entry: dict[str, object] = {
         "seed": episode.seed,
         "return": episode.total if math.isfinite(episode.total) else None,
         "length": episode.length,
