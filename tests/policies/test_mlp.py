@@ -194,6 +194,7 @@ _CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"mean": (0.0,) * 9, "scale": (0.0,) * 9}, "its scale has numbers that are not positive"),
     ({"clip": 10.0}, "its clip is 10.0; expected a positive number, with a mean"),
     ({"domain": 3}, "its domain is 3"),
+    ({"domain": "w" * 201}, r"its domain is 'www.*\.\.\."),
     ({"command": "x" * 20_000}, r"its command is 'xxx.*\.\.\."),
     ({"steps": -1}, "its steps is -1"),
     ({"seeds": (0.5,)}, r"its seeds is .0\.5"),

@@ -121,6 +121,10 @@ _OTHER = [
         {"low": (-1.0,) * 5 + (-2.0,)},
         "its action 5 reaches from -2 to 1; the task's from -1 to 1",
     ),
+    (
+        {"high": (1.0,) * 5 + (2.0,)},
+        "its action 5 reaches from -1 to 2; the task's from -1 to 1",
+    ),
 ]
 
 

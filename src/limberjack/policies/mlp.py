@@ -76,7 +76,8 @@ _MOST_LAYERS = 64
 _MOST_NUMBERS = 2**20  # in an observation or an action
 _MOST_AXES = 32  # of an observation
 _MOST_REPEAT = 1000  # control steps per action
-_LONGEST_TEXT = 10_000  # characters
+_LONGEST_COMMAND = 10_000  # characters
+_LONGEST_TEXT = 200  # characters of all others
 _LEAKY_SLOPE = 0.01  # of PyTorch's and JAX's leaky_relu
 _LENGTH_NBYTES = 8  # of the header's length, at the beginning of the file
 
@@ -481,10 +482,14 @@ def _shown(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def _text(value: object) -> str:
-    if not isinstance(value, str) or len(value) > _LONGEST_TEXT:
+def _text(value: object, longest: int = _LONGEST_TEXT) -> str:
+    if not isinstance(value, str) or len(value) > longest:
         raise TypeError
     return value
+
+
+def _command(value: object) -> str:
+    return _text(value, _LONGEST_COMMAND)
 
 
 def _is_whole(value: object) -> bool:
@@ -569,7 +574,7 @@ _READERS: Mapping[str, _Read] = {
     "clip": _or_none(_number),
     "sizes": _wholes,
     "algorithm": _text,
-    "command": _text,
+    "command": _command,
     "seeds": _wholes,
     "steps": _or_none(_whole),
     "versions": _versions,
