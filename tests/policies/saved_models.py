@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-__all__ = ["NAME", "install"]
+__all__ = ["NAME", "install", "without_sb3"]
 
 NAME = "limberjack.sb3"
 
@@ -37,3 +37,13 @@ def install(monkeypatch: pytest.MonkeyPatch, directory: Path) -> str:
     path = directory / "model.zip"
     path.write_text("0.5")
     return f"sb3:{path}"
+
+
+def without_sb3(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets importing `limberjack.sb3` fail, as where Stable-Baselines3 is not installed."""
+    imported = [name for name in sys.modules if name.startswith("stable_baselines3.")]
+    for name in ("stable_baselines3", *imported):
+        monkeypatch.setitem(sys.modules, name, None)
+    for name in (NAME, "limberjack.adapters.sb3"):  # imported before, where it is installed
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        monkeypatch.delattr(name, raising=False)

@@ -10,6 +10,7 @@ import pytest
 from limberjack import policies, suite
 from limberjack.policies import PolicyError, mlp
 from limberjack.policies.exporting import export
+from tests.policies.saved_models import without_sb3
 from tests.rollouts import run_episode
 
 
@@ -26,11 +27,7 @@ def test_only_models_of_stable_baselines3_are_exported(tmp_path: Path) -> None:
 def test_without_stable_baselines3_the_error_says_what_is_needed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    imported = [name for name in sys.modules if name.startswith("stable_baselines3.")]
-    for name in ("stable_baselines3", *imported):
-        monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "limberjack.sb3", raising=False)
-    monkeypatch.delattr("limberjack.sb3", raising=False)
+    without_sb3(monkeypatch)
     with pytest.raises(PolicyError, match=r"policy 'sb3:model\.zip': needs the extra 'sb3'"):
         export("sb3:model.zip", tmp_path / "out")
 

@@ -1,13 +1,11 @@
 """`sb3:PATH`, with a stand-in for the reader; evaluation/test_saved_models.py has real models."""
 
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import limberjack
 from limberjack import policies, suite
 from limberjack.policies import saved
 from limberjack.see.report import Step
@@ -63,11 +61,7 @@ def test_a_file_that_is_not_there_is_one_error_that_names_it(
 def test_without_stable_baselines3_the_error_says_what_is_needed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    imported = [name for name in sys.modules if name.startswith("stable_baselines3.")]
-    for name in ("stable_baselines3", *imported):
-        monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, saved_models.NAME, raising=False)
-    monkeypatch.delattr(limberjack, "sb3", raising=False)  # imported before, where it is installed
+    saved_models.without_sb3(monkeypatch)
     with pytest.raises(policies.PolicyError, match=r"policy 'sb3:model\.zip': needs"):
         policies.find("sb3:model.zip", suite.load("humanoid", "stand"))
 
