@@ -28,6 +28,8 @@ def test_without_a_terminal_nothing_is_shown(capsys: pytest.CaptureFixture[str])
         show(10, 10, 1.5)
     with progress.show_parts() as show:
         show("a part", 1, 2)
+    with progress.show_steps() as steps:
+        steps.show(1, 2, 3.0)
     assert capsys.readouterr() == ("", "")
 
 
@@ -47,6 +49,26 @@ def test_a_bar_over_a_film_has_its_return_and_the_time_left(
     assert any(line.startswith("filming") and "return 1.2" in line for line in shown)
     assert not any("return 99.0" in line for line in shown)
     assert shown[-1].endswith("return 7.5 0:00:00")
+
+
+@pytest.mark.usefixtures("_terminal")
+def test_a_bar_over_steps_has_the_last_return_and_the_time_left(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with progress.show_steps() as steps:
+        assert steps.finished is None
+        steps.show(500, 1000, 12.5)  # as a run that continues
+        time.sleep(0.15)
+        steps.show(600, 1000, 20.0)
+        steps.show(700, 1000, 99.0)  # too soon to be shown
+    assert (steps.finished, steps.steps) == (700, 1000)
+    shown = _shown(capsys)
+    assert shown[0].startswith("loading")
+    assert any(line.startswith("training") and "60 % return 20.0" in line for line in shown)
+    assert not any("return 99.0" in line for line in shown)
+    # The time left does not count the steps of the earlier process.
+    left = [int(line[-1]) for line in shown if re.search(r"return 20.0 0:00:0\d$", line)]
+    assert all(seconds <= 1 for seconds in left)
 
 
 @pytest.mark.usefixtures("_terminal")

@@ -210,7 +210,7 @@ def _actions(settings: Settings) -> int:
     return math.ceil(settings.steps / settings.action_repeat)
 
 
-def _arguments(settings: Settings) -> dict[str, object]:
+def _arguments(settings: Settings) -> dict[str, _Tree]:
     """The settings under the names of the algorithm."""
     return {
         "learning_rate": settings.learning_rate,

@@ -13,8 +13,9 @@ import importlib
 import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import dm_env
 import numpy as np
@@ -178,7 +179,7 @@ def _checked(factory: Factory, settings: Settings) -> dm_env.Environment:
             f"{factory.title} has no time limit, so an episode might never end: give it one, or a "
             "task named by its domain time_limit = SECONDS in its settings"
         )
-    if PIXELS_KEY in environment.observation_spec():
+    if PIXELS_KEY in cast(Mapping[str, object], environment.observation_spec()):
         raise ValueError(f"{factory.title} observes pictures; expected numbers only")
     if settings.num_envs > _ROWS_OF_A_RUN:
         raise ValueError(f"num_envs is {settings.num_envs}; expected at most {_ROWS_OF_A_RUN}")
