@@ -180,8 +180,9 @@ def _normalisation(
     if saved is None or not saved.norm_obs:
         return None, None, None
     names = [name for name, _ in layout]
-    found = saved.obs_rms
-    statistics = found if isinstance(found, Mapping) else dict.fromkeys(names, found)
+    found: _Foreign = saved.obs_rms
+    shared: dict[str, _Foreign] = dict.fromkeys(names, found)
+    statistics = found if isinstance(found, Mapping) else shared
     lacking = [name for name in names if name not in statistics]
     if lacking:
         raise ValueError(f"its VecNormalize leaves {', '.join(lacking)} as it is, and not others")
