@@ -181,6 +181,18 @@ def test_a_model_of_a_dictionary_of_observations_is_exported(
     assert model.num_timesteps == 80
 
 
+def test_a_normalisation_of_some_observations_only_is_refused(
+    baselines: Any, tmp_path: Path
+) -> None:
+    vec_env: Any = pytest.importorskip("stable_baselines3.common.vec_env")
+    envs = _envs("stacker", "stack_2", flat=False)
+    names = list(envs.observation_space.spaces)
+    envs = vec_env.VecNormalize(envs, norm_obs_keys=names[1:])
+    _trained(tmp_path / "model.zip", baselines, "PPO", envs, "MultiInputPolicy")
+    envs.save(tmp_path / "model.vecnormalize.pkl")
+    _refused(f"its VecNormalize leaves {names[0]} as it is, and not others", tmp_path / "model.zip")
+
+
 def test_a_model_with_a_task_has_its_layout_and_model(baselines: Any, tmp_path: Path) -> None:
     _trained(tmp_path / "model.zip", baselines, "PPO")
     name = f"sb3:{tmp_path / 'model.zip'}"
