@@ -2,7 +2,7 @@
 
     pytest --memory --numprocesses 2 tests
 
-prints for each process its peak, and the tests that raised the peak the most.
+prints for each process its peak, its time, and the tests that raised the peak the most.
 """
 
 import contextlib
@@ -39,6 +39,7 @@ _GROWN_MUCH = 300.0  # megabytes, after which no time is too much
 _PART = 0.05  # of the tests' time that looking for garbage may take
 _after_the_last_look = 0.0
 _not_before = 0.0  # seconds of `time.monotonic`
+_spent = 0.0  # seconds, looking for garbage
 _LARGE = 800.0  # megabytes; a larger process frees what could be used again, too
 
 _SHOWN = 8  # tests of each process
@@ -69,7 +70,7 @@ def free_if_grown() -> None:
     A model takes 12 MB that Python does not account for, so it would collect the cycles of
     environments and wrappers late. A search takes longer the more a process holds.
     """
-    global _after_the_last_look, _not_before
+    global _after_the_last_look, _not_before, _spent
     if not _RESIDENT.exists():
         return
     grown, now = resident() - _after_the_last_look, time.monotonic()
@@ -81,6 +82,7 @@ def free_if_grown() -> None:
         free_what_nobody_uses()
     _after_the_last_look, ended = resident(), time.monotonic()
     _not_before = ended + (ended - now) / _PART
+    _spent += ended - now
 
 
 def free_what_nobody_uses() -> None:
@@ -131,13 +133,18 @@ class MemoryReport:
         self._output: dict[str, Any] | None = getattr(config, "workeroutput", None)
         self._raised: list[tuple[float, str]] = []
         self._lines: list[str] = []
+        self._began = time.monotonic()
+        self._in_tests = 0.0  # seconds
+        self._first = self._last = 0.0  # seconds from the beginning, of the tests
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         """Measures a test with its fixtures."""
-        before = _peak()
+        before, began = _peak(), time.monotonic() - self._began
         result = yield
         self._raised.append((_peak() - before, item.nodeid))
+        self._first, self._last = self._first or began, time.monotonic() - self._began
+        self._in_tests += self._last - began
         return result
 
     def pytest_sessionfinish(self) -> None:
@@ -162,4 +169,8 @@ class MemoryReport:
     def _described(self) -> list[str]:
         most = sorted(self._raised, reverse=True)[:_SHOWN]
         shown = [f"  {raised:+5.0f} MB  {test}" for raised, test in most if raised >= _LEAST]
-        return [f"peak {_peak():.0f} MB", *shown]
+        times = (
+            f"{self._in_tests:.0f} s in tests, between {self._first:.0f} and {self._last:.0f} s, "
+            f"and {_spent:.0f} s looking for garbage"
+        )
+        return [f"peak {_peak():.0f} MB; {times}", *shown]
