@@ -135,6 +135,7 @@ class MemoryReport:
         self._lines: list[str] = []
         self._began = time.monotonic()
         self._in_tests = 0.0  # seconds
+        self._in_phases = 0.0  # seconds, of set-up, call and tear-down
         self._first = self._last = 0.0  # seconds from the beginning, of the tests
 
     @pytest.hookimpl(wrapper=True)
@@ -146,6 +147,10 @@ class MemoryReport:
         self._first, self._last = self._first or began, time.monotonic() - self._began
         self._in_tests += self._last - began
         return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Counts the time of a phase of a test."""
+        self._in_phases += report.duration
 
     def pytest_sessionfinish(self) -> None:
         """Stores this process's measurements for the reporting process."""
@@ -170,7 +175,7 @@ class MemoryReport:
         most = sorted(self._raised, reverse=True)[:_SHOWN]
         shown = [f"  {raised:+5.0f} MB  {test}" for raised, test in most if raised >= _LEAST]
         times = (
-            f"{self._in_tests:.0f} s in tests, between {self._first:.0f} and {self._last:.0f} s, "
-            f"and {_spent:.0f} s looking for garbage"
+            f"{self._in_phases:.0f} of {self._in_tests:.0f} s in fixtures and tests, between "
+            f"{self._first:.0f} and {self._last:.0f} s; {_spent:.0f} s looking for garbage"
         )
         return [f"peak {_peak():.0f} MB; {times}", *shown]

@@ -36,6 +36,7 @@ _DIFFERENT = {
     ("info", "--json"): "has more than doctor's and list's",
     ("list", "--json"): "is a list of tasks",
     ("policies", "--json"): "is a list of policies",
+    ("train", "--seed"): "of a run, not of an episode",
     ("export", "--action-repeat"): "that of the training, which the model does not know",
 }
 
@@ -218,7 +219,7 @@ def test_the_options_that_differ_exist() -> None:
 
 def test_every_command_that_plays_takes_a_users_environment() -> None:
     takes = {command for command, name, _ in _options() if name == "--env"}
-    assert takes == {"collect", "evaluate", "record", "replay", "run", "solve", "view"}
+    assert takes == {"collect", "evaluate", "record", "replay", "run", "solve", "train", "view"}
 
 
 _OWN = ["plain", "bare", "remembering", "delayed", "nested"]

@@ -44,7 +44,7 @@ _Config = Annotated[
 @command(
     "train",
     "limberjack train cartpole swingup --out cartpole",
-    "limberjack train --env my_tasks:make --steps 200000 --config mine.toml --out mine",
+    "limberjack train --env my_tasks:make --config mine.toml --out mine",
 )
 def _train(
     domain: OptionalDomain = None,

@@ -98,7 +98,7 @@ class Folder:
         """Whether the final policy is here."""
         return self.policy.exists()
 
-    def write_table(self, columns: Sequence[str], numbers: np.ndarray) -> None:
+    def write_curve(self, columns: Sequence[str], numbers: np.ndarray) -> None:
         """Writes curve.csv, with all digits."""
         with replacing(self.curve) as partial:
             np.savetxt(partial, numbers, "%.17g", ",", header=",".join(columns), comments="")

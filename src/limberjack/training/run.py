@@ -318,7 +318,7 @@ class _Training:
                 tuple(returns.tolist()),
             )
         )
-        self._folder.write_table(_COLUMNS, _numbers(self.curve))
+        self._folder.write_curve(_COLUMNS, _numbers(self.curve))
         values = {"return": self.curve[-1].mean, "processor_seconds": self._processor_seconds}
         events = {f"evaluation/{name}": value for name, value in values.items()}
         self.learner.write_events(self._control_steps, events)
