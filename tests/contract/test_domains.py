@@ -16,8 +16,9 @@ _NAMES = {*_DOMAINS, *(row.task for row in TASKS)}
 _GENERATED = "limberjack.registry.table"
 # The domains themselves, and the planner's costs, which are reached only through a domain.
 _OWN = {suite_module(domain) for domain in _DOMAINS}
-# The list of tasks that a GPU cannot step, which a test compares with what a GPU can step; the arm's
-# figures, which are those of a model of the suite; papers' sets of tasks; settings of training.
+# The list of tasks that a GPU cannot step, which a test compares with what a GPU can step; the
+# arm's figures, which are those of a model of the suite; papers' sets of tasks; the settings of
+# training.
 _WITH_A_REASON = {
     "limberjack.gpu",
     "limberjack.planner.arm.geometry",
