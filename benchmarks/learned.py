@@ -24,7 +24,7 @@ import typer
 from limberjack.evaluation import Evaluation, evaluate, published
 from limberjack.policies import mlp
 
-__all__ = ["SEEDS", "bundle", "main", "results", "section"]
+__all__ = ["RESULTS", "SEEDS", "bundle", "main", "results", "section", "write_page"]
 
 RESULTS = Path(__file__).parent / "results" / "learned"
 SEEDS = range(40_000, 40_100)  # on which nothing was trained, evaluated or tuned

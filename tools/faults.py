@@ -389,9 +389,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("median=float(np.median(returns))", "median=float(np.sort(returns)[len(returns) // 2])"),
     ],
     "evaluation/protocol.py": [
-        ("return _ACTION_REPEAT if demanded is None else None", "return _ACTION_REPEAT"),
+        ("_ACTION_REPEAT if demanded is None else None", "_ACTION_REPEAT"),
         ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
-        ("return _STEPS * timestep if limit is None", "return _STEPS if limit is None"),
+        ("_STEPS * environment.control_timestep() if endless", "_STEPS if endless"),
         (
             "np.array([one.scores for one in self.tasks]).T",
             "np.array([o.scores for o in self.tasks])",

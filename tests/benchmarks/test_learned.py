@@ -5,6 +5,7 @@ import json
 import statistics
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import learned
@@ -42,10 +43,10 @@ def test_the_policy_of_the_median_run_is_bundled_with_its_scores(
 def test_a_bundled_policy_plays_as_its_result_says(result: dict) -> None:
     (run,) = (one for one in result["runs"] if one["seed"] == result["bundled"])
     where = result["domain"], result["task"]
-    played = evaluate(*where, "pretrained", learned.SEEDS[:2], num_threads=1)
-    spread = max(run["returns"]) - min(run["returns"]) + 1.0  # of another processor, too
-    for score, kept in zip(played.scores["pretrained"], run["returns"], strict=False):
-        assert score.total == pytest.approx(kept, abs=spread)
+    played = evaluate(*where, "pretrained", learned.SEEDS[:8], num_threads=1)
+    found, kept = [one.total for one in played.scores["pretrained"]], run["returns"][:8]
+    # Another processor rounds differently, so that an episode in eight may end otherwise.
+    assert np.isclose(found, kept, rtol=0.02).sum() >= 7, (found, kept)
 
 
 def test_the_page_has_the_table() -> None:

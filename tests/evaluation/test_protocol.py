@@ -54,8 +54,8 @@ def test_actions_are_repeated_twice_and_a_task_without_a_limit_has_a_thousand_st
 
 
 def test_a_policy_that_demands_a_number_of_repeats_is_played_with_it() -> None:
-    assert protocol._action_repeat("planner", "walker", "walk") is None  # it demands 1
-    assert protocol._action_repeat("zero", "walker", "walk") == 2
+    plans, _ = protocol._planned(_FAST, ["planner", "zero"])
+    assert plans["pendulum", "swingup"].action_repeats == (None, 2)  # the planner demands 1
     scores = TaskScores("walker", "walk", (1.0, 2.0), (1, 2), 1000, {})
     assert scores.agent_steps == (1000, 500)
 
@@ -86,11 +86,14 @@ def test_policies_in_files_play_at_their_own_repeat_where_there_is_one(tmp_path:
 
 
 def test_every_task_of_the_suite_with_a_time_limit_has_the_steps_of_the_protocol() -> None:
-    for domain, task in (("walker", "walk"), ("manipulator", "bring_ball")):
-        assert protocol._time_limit(domain, task) is None
+    tasks = TaskSet("two", (("walker", "walk"), ("manipulator", "bring_ball")), "here")
+    plans, _ = protocol._planned(tasks, ["zero"])
+    assert [plan.time_limit for plan in plans.values()] == [None, None]
     with suite.load("lqr", "lqr_6_2") as environment:
         limit = 1000 * environment.control_timestep()
-    assert protocol._time_limit("lqr", "lqr_6_2") == limit
+    endless = TaskSet("endless", (("lqr", "lqr_6_2"),), "here")
+    plans, _ = protocol._planned(endless, ["zero"])
+    assert plans["lqr", "lqr_6_2"].time_limit == limit
 
 
 def test_tasks_without_a_policy_are_listed_with_the_reason(tmp_path: Path) -> None:
@@ -119,7 +122,8 @@ def test_a_policy_that_does_not_fit_a_task_is_missing_there(
         raise PolicyError(f"policy {policy!r} is for other tasks")
 
     monkeypatch.setattr(policies, "find", strict)
-    reasons = dict(protocol._unplayable(tasks, ["fits:{domain}-{task}"]))
+    plans, reasons = protocol._planned(tasks, ["fits:{domain}-{task}"])
+    assert list(plans) == [("pendulum", "swingup")]
     assert reasons == {
         ("acrobot", "swingup_sparse"): "policy 'fits:acrobot-swingup_sparse' is for other tasks"
     }

@@ -62,7 +62,8 @@ _Policies = Annotated[
     typer.Option(
         "--policy",
         metavar="NAME",
-        help="What acts: zero, random, planner, MODULE:CALLABLE, or sb3:PATH of a saved model. "
+        help="What acts: zero, random, planner, pretrained, MODULE:CALLABLE, or a file: mlp:PATH, "
+        "sb3:PATH. "
         "With --set, {domain} and {task} stand for those of each task, and each --policy is a run.",
         show_default="zero",
     ),

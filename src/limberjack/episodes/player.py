@@ -219,7 +219,7 @@ class Progress:
             self.report()
 
     def on_ended(self, episode: Episode) -> None:
-        """Counts an episode, whose steps have been counted."""
+        """Counts an episode in the place of its steps, which workers do not count."""
         self.finished += 1
         self._steps = max(0, self._steps - episode.length)
         self.report()

@@ -154,7 +154,7 @@ def _buffers(
             name: np.asarray(values, observed.dtype)
             for name, values in episode.observations.items()
         }
-        # Typed loosely: it wants lists for which its storage takes arrays.
+        # Any: it wants lists for which its storage takes arrays.
         values: dict[str, Any] = {
             "observations": observations[FLAT_OBSERVATION_KEY] if observed.flat else observations,
             "actions": episode.actions,

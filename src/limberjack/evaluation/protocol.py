@@ -22,18 +22,18 @@ import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from limberjack import policies, suite
-from limberjack.episodes.environments import inside, step_limit_of
 from limberjack.evaluation import sets, statistics
 from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.sets import TaskSet
 from limberjack.policies import PolicyError
+from limberjack.rl.control import Environment
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
 
@@ -56,6 +56,15 @@ _ACTION_REPEAT = 2
 _FULL_RETURN = 1000.0  # the largest return of such an episode; a score is a share of it
 
 _Task = tuple[str, str]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Plan:
+    """The arguments of `evaluate` for a task and each run."""
+
+    time_limit: float | None  # seconds of an episode; None for the task's own
+    policies: tuple[object, ...]
+    action_repeats: tuple[int | None, ...]  # None for the number that the policy demands
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,25 +184,25 @@ def evaluate_set(
     directory = None if out is None else Path(out).absolute()
     if directory is not None:
         _check_folder(directory, _asked_for(chosen, names))
-    missing = _missing(chosen, given)
+    plans, missing = _planned(chosen, given)
     if directory is not None and not (directory / SUMMARY).exists():
         _write(directory / SUMMARY, _asked_for(chosen, names))
     count = _Counting(on_progress, len(missing) * _episodes(given))
-    found: dict[_Task, list[Evaluation]] = {t: [] for t in chosen.tasks if t not in missing}
-    for domain, task in found:
-        for number, run in enumerate(given, start=1):
-            folder = None if directory is None else directory / f"run-{number}" / f"{domain}-{task}"
-            policy = policy_for(run, domain, task)
+    found: dict[_Task, list[Evaluation]] = {task: [] for task in plans}
+    for (domain, task), plan in plans.items():
+        for number, run in enumerate(given):
+            name = f"run-{number + 1}"
+            folder = None if directory is None else directory / name / f"{domain}-{task}"
             found[domain, task].append(
                 evaluate(
                     domain,
                     task,
-                    policy,
+                    plan.policies[number],
                     _SEEDS,
                     out=folder,
                     num_threads=num_threads,
-                    time_limit=_time_limit(domain, task),
-                    action_repeat=_action_repeat(policy, domain, task),
+                    time_limit=plan.time_limit,
+                    action_repeat=plan.action_repeats[number],
                     workers=workers,
                     executor=executor,
                     ray=ray,
@@ -262,46 +271,40 @@ def policy_for(run: object, domain: str, task: str) -> object:
     return run
 
 
-def _missing(task_set: TaskSet, runs: Sequence[object]) -> dict[_Task, str]:
-    """The tasks that are left out with the reason; raises PolicyError if all are."""
-    missing = dict(_unplayable(task_set, runs))
-    if len(missing) == len(task_set.tasks):
+def _planned(
+    task_set: TaskSet, runs: Sequence[object]
+) -> tuple[dict[_Task, _Plan], dict[_Task, str]]:
+    """The plans of tasks, and the reasons why others are left out.
+
+    Raises:
+      PolicyError: all are left out.
+    """
+    plans: dict[_Task, _Plan] = {}
+    missing: dict[_Task, str] = {}
+    for domain, task in task_set.tasks:
+        with contextlib.closing(suite.load(domain, task)) as environment:
+            try:
+                plans[domain, task] = _plan(environment, runs, domain, task)
+            except PolicyError as error:
+                missing[domain, task] = str(error)
+    if not plans:
         (domain, task), reason = next(iter(missing.items()))
         raise PolicyError(f"no task has a policy of every run; {domain} {task}: {reason}")
-    return missing
+    return plans, missing
 
 
-def _unplayable(task_set: TaskSet, runs: Sequence[object]) -> Iterator[tuple[_Task, str]]:
-    """The tasks for which a run has no policy that fits, each with the reason."""
-    for domain, task in task_set.tasks:
-        environment = suite.load(domain, task)
-        for run in runs:
-            policy = policy_for(run, domain, task)
-            if policy is None:
-                yield (domain, task), f"{_name_of(run) or 'a run'} has no policy for it"
-                break
-            try:
-                policies.find(policy, environment, num_threads=1)
-            except PolicyError as error:
-                yield (domain, task), str(error)
-                break
-        environment.close()
-
-
-def _action_repeat(policy: object, domain: str, task: str) -> int | None:
-    """Control steps per action; None for those that the policy demands."""
-    with contextlib.closing(suite.load(domain, task)) as environment:
+def _plan(environment: Environment, runs: Sequence[object], domain: str, task: str) -> _Plan:
+    """The plan of a task; raises PolicyError if a run has no policy that fits."""
+    chosen = [policy_for(run, domain, task) for run in runs]
+    repeats: list[int | None] = []
+    for run, policy in zip(runs, chosen, strict=True):
+        if policy is None:
+            raise PolicyError(f"{_name_of(run) or 'a run'} has no policy for it")
         demanded = policies.find(policy, environment, num_threads=1).action_repeat
-    return _ACTION_REPEAT if demanded is None else None
-
-
-def _time_limit(domain: str, task: str) -> float | None:
-    """Seconds of an episode of a task without a time limit; None for a task that has one."""
-    environment = suite.load(domain, task)
-    limit = step_limit_of(environment)
-    timestep = inside(environment).control_timestep()
-    environment.close()
-    return _STEPS * timestep if limit is None else None
+        repeats.append(_ACTION_REPEAT if demanded is None else None)
+    endless = environment.step_limit is None
+    seconds = _STEPS * environment.control_timestep() if endless else None
+    return _Plan(seconds, tuple(chosen), tuple(repeats))
 
 
 def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> TaskScores:

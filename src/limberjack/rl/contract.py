@@ -27,7 +27,7 @@ __all__ = [
     "Task",
 ]
 
-# An action or a spec is an array or a nested structure of arrays, chosen by the task.
+# Any: an action or a spec is an array or a nested structure of arrays, chosen by the task.
 Nested = Any
 Observation = Mapping[str, Quantity]
 

@@ -555,7 +555,8 @@ class Environment(dm_env.Environment):
         kept = {name: value for name, value in vars(self).items() if name != "_use"}
         if self._closed or not hasattr(kept.get("_physics"), "become"):
             return kept
-        # Unlike dm_control's copy of a physics, this keeps the solver's warm start.
+        # Unlike dm_control's copy of a physics, this keeps the solver's warm start. Any: `become`
+        # says that it has a state, which `Physics` does not declare.
         physics = cast(Any, kept.pop("_physics"))
         return {**kept, "exact": (type(physics), physics.__getstate__())}
 
