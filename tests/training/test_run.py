@@ -15,7 +15,7 @@ import dm_env
 import numpy as np
 import pytest
 
-from limberjack import policies, suite
+from limberjack import gym, policies, suite
 from limberjack.policies import mlp
 from limberjack.training import TABLE, Run, Settings, TrainingError, train
 from limberjack.training import run as run_module
@@ -181,6 +181,27 @@ def test_environments_of_another_class_train_in_rows(
         run = train(remembering, out=tmp_path, settings=settings)
     assert any("not vectorised" in record.getMessage() for record in caplog.records)
     assert math.isfinite(run.curve[-1].mean)
+
+
+def test_actions_without_bounds_are_drawn_and_learned_within_those_of_the_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: list[np.ndarray] = []
+    step = gym.VectorEnv.step
+
+    def noted(envs: gym.VectorEnv, actions: np.ndarray) -> Any:
+        taken.append(np.array(actions))
+        return step(envs, actions)
+
+    monkeypatch.setattr(gym.VectorEnv, "step", noted)
+    settings = dataclasses.replace(SMALL, steps=180, action_bound=6.0)
+    card = mlp.load(train("lqr", "lqr_2_1", out=tmp_path, settings=settings).policy).card
+    assert (card.low, card.high) == ((-6.0,), (6.0,))
+    largest = max(np.abs(actions).max() for actions in taken)
+    assert 3.0 < largest <= 6.0
+
+    card = mlp.load(_pendulum(tmp_path / "bounded").policy).card
+    assert (card.low, card.high) == ((-1.0,), (1.0,))
 
 
 def test_each_row_of_the_table_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

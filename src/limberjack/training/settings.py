@@ -29,6 +29,7 @@ class Settings:
     Attributes:
       steps: control steps of the run, over all rows.
       action_repeat: control steps per action.
+      action_bound: largest absolute action, where the task has no bounds of its own.
       time_limit: seconds of an episode, for tasks that have no limit; None for the task's own.
       num_envs: rows that are stepped together.
       random_steps: actions, over all rows, that are drawn at random before learning begins.
@@ -44,6 +45,8 @@ class Settings:
     steps: int = 500_000
     # Halves the processor time of a run; most published scores of the suite use it too.
     action_repeat: int = 2
+    # As random actions are drawn, of which there is no other guess.
+    action_bound: float = 1.0
     time_limit: float | None = None
     # Enough to spread the cost of a call; more rows make the data older without saving time.
     num_envs: int = 8
@@ -94,7 +97,7 @@ _VALID: dict[str, tuple[Callable[[object], bool], str]] = {
     **dict.fromkeys(("steps", "action_repeat", "num_envs", "random_steps", "batch_size"), _COUNT),
     "memory": _COUNT,
     "time_limit": (lambda value: value is None or _is_positive(value), "seconds"),
-    **dict.fromkeys(("updates", "learning_rate"), _POSITIVE),
+    **dict.fromkeys(("action_bound", "updates", "learning_rate"), _POSITIVE),
     "discount": (_is_share, "a number between 0 and 1"),
     **dict.fromkeys(("actor", "critic"), _WIDTHS),
 }
