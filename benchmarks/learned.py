@@ -21,8 +21,10 @@ from typing import Annotated, Any
 
 import typer
 
+from limberjack import suite
 from limberjack.evaluation import Evaluation, evaluate, published
 from limberjack.policies import mlp
+from limberjack.suite import lqr_solver
 
 __all__ = ["RESULTS", "SEEDS", "bundle", "main", "results", "section", "write_page"]
 
@@ -44,8 +46,9 @@ bundled, never the best one. Returns are those of 100 seeds that no training has
 ({first}:{end}), from observations, at the action repeat of the card. *interval*: 95 % confidence,
 of the mean over these seeds. *success*: the share of episodes whose last 100 steps have a mean
 reward of at least 0.9. *runs*: the means of all runs. *published*: the best published mean after 1
-million steps, as in [Scores](scores.md#published-scores). `benchmarks/results/learned` has every
-return and the learning curves.
+million steps, as in [Scores](scores.md#published-scores); of lqr, whose optimal policy is known,
+the cost as a multiple of that of the optimal policy on the same starts.
+`benchmarks/results/learned` has every return and the learning curves.
 """
 
 # Any: what was read from JSON.
@@ -81,6 +84,11 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
             "bundled": run["seed"],
             "runs": [one for one, _ in scored],
         }
+        if content["domain"] == "lqr":
+            content["optimal"] = _optimal_cost(content["task"], _time_limit(odd[index]))
+            for one, played in scored:
+                scores = played.scores[played.policy]
+                one["cost"] = statistics.fmean(score.length - score.total for score in scores)
         out.mkdir(parents=True, exist_ok=True)
         text = json.dumps(content, indent=1, allow_nan=False) + "\n"
         (out / f"{name}.json").write_text(_short_lists(text), encoding="utf-8")
@@ -110,7 +118,6 @@ def section(found: Iterable[_Result]) -> str:
 def _row(result: _Result) -> str:
     (run,) = (one for one in result["runs"] if one["seed"] == result["bundled"])
     low, high = run["interval"]
-    best = published.best(result["domain"], result["task"], _MILLION)
     cells = [
         f"{result['domain']} {result['task']}",
         f"{run['steps'] // 1000}k",
@@ -122,9 +129,35 @@ def _row(result: _Result) -> str:
         f"{run['success_rate']:.0%}".replace("%", " %"),
         ", ".join(f"{one['mean']:.0f}" for one in result["runs"]),
         f"{result['zero']:.1f}",
-        "none" if best is None else f"{best.mean:.0f} {best.algorithm}",
+        _known(result, run),
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def _known(result: _Result, run: _Result) -> str:
+    """What is known of the best that a policy can do, or of the best that others did."""
+    if "optimal" in result:
+        return f"{run['cost'] / result['optimal']:.3f} of the least cost"
+    best = published.best(result["domain"], result["task"], _MILLION)
+    return "none" if best is None else f"{best.mean:.0f} {best.algorithm}"
+
+
+def _optimal_cost(task: str, time_limit: float | None) -> float:
+    """The mean cost of an episode with lqr's optimal policy; a step's reward is 1 minus its cost.
+
+    Each seed has springs of its own, which the policy is computed from.
+    """
+    costs = []
+    for seed in SEEDS:
+        kwargs = {"random": seed, "time_limit": time_limit}
+        with suite.load("lqr", task, task_kwargs=kwargs) as environment:
+            _, gain, _ = lqr_solver.solve(environment)
+            time_step, cost = environment.reset(), 0.0
+            while not time_step.last():
+                time_step = environment.step(gain @ environment.physics.state())
+                cost += 1 - time_step.reward
+            costs.append(cost)
+    return statistics.fmean(costs)
 
 
 def _scored(folder: Path) -> tuple[_Result, Evaluation]:

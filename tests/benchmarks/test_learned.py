@@ -1,17 +1,20 @@
 """The bundled policies are those of the median runs, and the page has their figures."""
 
+import dataclasses
 import hashlib
 import json
 import statistics
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from benchmarks import learned
-from limberjack import policies
+from limberjack import policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
+from limberjack.suite import lqr_solver
 
 _RESULTS = learned.results()
 _NAMES = [f"{one['domain']}-{one['task']}" for one in _RESULTS]
@@ -75,22 +78,56 @@ def test_three_runs_are_scored_and_the_median_one_is_bundled(
     assert "pendulum swingup" in learned.section([result])
 
 
+def test_lqr_is_compared_with_the_optimal_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
+    limit = 60.0  # seconds, after which both balls are at rest
+    costs = []
+    for seed in learned.SEEDS:
+        with suite.load("lqr", "lqr_2_1", task_kwargs={"random": seed}) as environment:
+            values, gain, _ = lqr_solver.solve(environment)
+            environment.reset()
+            state = environment.physics.state()
+            first = state[:2] @ state[:2] / 2  # of the start, which no step pays
+            costs.append(state @ values @ state / 2 - first)
+    for seed, weights in enumerate((gain, gain * 1.5, gain * 0.6)):
+        _make_linear(tmp_path / f"lqr-lqr_2_1-{seed}", seed, weights, limit)
+    learned.bundle(tmp_path, tmp_path / "pretrained", tmp_path / "results")
+    (result,) = learned.results(tmp_path / "results")
+    assert result["optimal"] == pytest.approx(statistics.fmean(costs), rel=1e-3)
+    near, *others = (run["cost"] / result["optimal"] for run in result["runs"])
+    assert 1 < near < 1.02  # the springs of one seed are stiffer than those of the other
+    assert min(others) > 1.02
+    assert f"| {min(others):.3f} of the least cost |" in learned.section([result])
+
+
 def _make_run(folder: Path, seed: int, torque: float) -> None:
     """A folder as `limberjack train` leaves it, of a policy that always acts alike."""
+    layout = (("orientation", (2,)), ("velocity", (1,)))
+    card = mlp.Card(layout, (-1.0,), (1.0,), "relu", "none", 4, "pendulum", "swingup")
+    _write(folder, card, seed, [[0.0] * 3], [torque], None)
+
+
+def _make_linear(folder: Path, seed: int, gain: np.ndarray, time_limit: float) -> None:
+    """The same of a policy whose action is gain @ state."""
+    layout = (("position", (2,)), ("velocity", (2,)))
+    card = mlp.Card(layout, (-10.0,), (10.0,), "relu", "none", 1, "lqr", "lqr_2_1")
+    _write(folder, card, seed, gain, [0.0], time_limit)
+
+
+def _write(
+    folder: Path,
+    card: mlp.Card,
+    seed: int,
+    weights: npt.ArrayLike,
+    offset: npt.ArrayLike,
+    time_limit: float | None,
+) -> None:
     folder.mkdir()
-    card = mlp.Card(
-        layout=(("orientation", (2,)), ("velocity", (1,))),
-        low=(-1.0,),
-        high=(1.0,),
-        end="none",
-        action_repeat=4,
-        domain="pendulum",
-        task="swingup",
-        seeds=(seed,),
-        steps=1000,
-    )
-    mlp.save(folder / "policy.safetensors", [([[0.0] * 3], [torque])], card)
-    (folder / "training.json").write_text(json.dumps({"settings": {"time_limit": None}}))
+    card = dataclasses.replace(card, seeds=(seed,), steps=1000)
+    mlp.save(folder / "policy.safetensors", [(weights, offset)], card)
+    (folder / "training.json").write_text(json.dumps({"settings": {"time_limit": time_limit}}))
     (folder / "curve.csv").write_text(
         "control_steps,agent_steps,processor_seconds,mean\n0,0,1.5,2\n"
     )
