@@ -187,8 +187,11 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
 
 
 def _time_limit(folder: Path) -> float | None:
-    """Seconds of an episode in training, for a task without a limit of its own."""
-    return json.loads((folder / "training.json").read_text("utf-8"))["settings"]["time_limit"]
+    """Seconds of an episode in training, for a task without a limit of its own; else None."""
+    facts = json.loads((folder / "training.json").read_text("utf-8"))
+    with suite.load(facts["domain"], facts["task"]) as environment:
+        endless = environment.step_limit is None
+    return facts["settings"]["time_limit"] if endless else None
 
 
 def _copy(source: Path, target: Path, run: _Result) -> None:

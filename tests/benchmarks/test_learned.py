@@ -83,7 +83,7 @@ def test_lqr_is_compared_with_the_optimal_policy(
 ) -> None:
     monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
     limit = 60.0  # seconds, after which both balls are at rest
-    costs = []
+    costs, gain = [], np.zeros((1, 4))
     for seed in learned.SEEDS:
         with suite.load("lqr", "lqr_2_1", task_kwargs={"random": seed}) as environment:
             values, gain, _ = lqr_solver.solve(environment)
@@ -91,7 +91,7 @@ def test_lqr_is_compared_with_the_optimal_policy(
             state = environment.physics.state()
             first = state[:2] @ state[:2] / 2  # of the start, which no step pays
             costs.append(state @ values @ state / 2 - first)
-    for seed, weights in enumerate((gain, gain * 1.5, gain * 0.6)):
+    for seed, weights in enumerate((gain, np.multiply(gain, 1.5), np.multiply(gain, 0.6))):
         _make_linear(tmp_path / f"lqr-lqr_2_1-{seed}", seed, weights, limit)
     learned.bundle(tmp_path, tmp_path / "pretrained", tmp_path / "results")
     (result,) = learned.results(tmp_path / "results")
@@ -127,7 +127,8 @@ def _write(
     folder.mkdir()
     card = dataclasses.replace(card, seeds=(seed,), steps=1000)
     mlp.save(folder / "policy.safetensors", [(weights, offset)], card)
-    (folder / "training.json").write_text(json.dumps({"settings": {"time_limit": time_limit}}))
+    facts = {"domain": card.domain, "task": card.task, "settings": {"time_limit": time_limit}}
+    (folder / "training.json").write_text(json.dumps(facts))
     (folder / "curve.csv").write_text(
         "control_steps,agent_steps,processor_seconds,mean\n0,0,1.5,2\n"
     )

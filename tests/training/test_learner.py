@@ -1,6 +1,7 @@
 """Transitions that the algorithm learns from, and the layers of its policy."""
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,43 @@ def test_states_after_a_time_limit_count(pendulum: Any) -> None:
     running[pendulum._model.replay_buffer.pos - 1 if place is None else place] = False
     assert same[running].all()
     assert not same[ended].any()
+
+
+def test_rewards_are_learned_without_their_offset(tmp_path: Path) -> None:
+    kept = []
+    for offset in (0.0, 0.25):
+        envs = gym.load_vector("cartpole", "balance", 3, time_limit=0.4, action_repeat=2, **_HOW)
+        settings = dataclasses.replace(SMALL, steps=60, reward_offset=offset)  # all at random
+        kept.append(_learned(envs, tmp_path, settings).state()["transitions"]["rewards"])
+        envs.close()
+    np.testing.assert_array_equal(kept[1], kept[0] - np.float32(0.5))
+
+
+def test_noise_changes_slowly_has_its_size_and_begins_anew_with_an_episode() -> None:
+    np.random.seed(0)
+    noise = learner._Noise((500, 2), 0.3)
+    drawn = np.array([noise() for _ in range(200)])
+    late = drawn[50:]
+    assert late.std() == pytest.approx(0.3, rel=0.02)
+    for distance, expected in ((1, math.exp(-0.1)), (10, math.exp(-1))):
+        found = np.corrcoef(late[:-distance].ravel(), late[distance:].ravel())[0, 1]
+        assert found == pytest.approx(expected, abs=0.02)
+    noise.reset(indices=[3])
+    assert (noise.values[3] == 0).all()
+    noise.reset()  # as learning goes on
+    assert (noise.values[4] == drawn[-1, 4]).all()
+
+
+def test_noise_is_added_to_actions(tmp_path: Path) -> None:
+    taken = []
+    for std in (0.0, 0.3):
+        envs = gym.load_vector("pendulum", "swingup", 3, time_limit=0.4, action_repeat=2, **_HOW)
+        settings = dataclasses.replace(SMALL, steps=60, noise=std)
+        taken.append(_learned(envs, tmp_path, settings).state()["transitions"]["actions"])
+        envs.close()
+    without, noisy = taken
+    assert 0.1 < np.abs(noisy - without).mean() < 0.4
+    assert np.abs(noisy).max() <= 1
 
 
 def test_states_after_a_fall_do_not_count(tmp_path: Path) -> None:

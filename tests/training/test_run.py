@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 
 from limberjack import gym, policies, suite
+from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
 from limberjack.training import TABLE, Run, Settings, TrainingError, train
 from limberjack.training import run as run_module
 from tests.training.small import SMALL, make, remembering
 
+_EVALUATED = range(run_module._EVALUATION, run_module._EVALUATION + 10)
 _REASON = "needs the extra 'train'"
 pytest.importorskip("sbx", reason=_REASON)
 
@@ -82,7 +84,7 @@ def test_the_card_says_where_a_policy_comes_from(undisturbed: Run) -> None:
 def test_the_last_evaluation_is_of_the_policy_in_the_file(undisturbed: Run) -> None:
     policy = mlp.load(undisturbed.policy)
     total = 0.0
-    env = make(run_module._EVALUATION)
+    env = suite.load("pendulum", "swingup", {"random": run_module._EVALUATION})
     time_step = env.reset()
     while not time_step.last():
         observation = {name: x[np.newaxis] for name, x in time_step.observation.items()}
@@ -181,6 +183,17 @@ def test_environments_of_another_class_train_in_rows(
         run = train(remembering, out=tmp_path, settings=settings)
     assert any("not vectorised" in record.getMessage() for record in caplog.records)
     assert math.isfinite(run.curve[-1].mean)
+
+
+def test_evaluations_are_as_long_as_the_task_whatever_was_trained(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, steps=180)
+    run = train("cartpole", "balance", out=tmp_path, settings=settings)
+    assert settings.time_limit == 0.4  # 40 control steps, each with a reward of at most 1
+    assert min(run.curve[-1].returns) > 80
+    played = evaluate("cartpole", "balance", f"mlp:{run.policy}", _EVALUATED)
+    found = [score.total for score in played.scores[played.policy]]
+    # Batches of 10 rows and of 64: sums of float32 in another order, over 500 actions.
+    np.testing.assert_allclose(found, run.curve[-1].returns, rtol=1e-3)
 
 
 def test_actions_without_bounds_are_drawn_and_learned_within_those_of_the_settings(

@@ -40,8 +40,10 @@ try:
         import tensorboard  # noqa: F401  # pyright: ignore[reportMissingImports] (used by SB3)
         from flax import serialization  # pyright: ignore[reportMissingImports]
         from stable_baselines3.common import (  # pyright: ignore[reportMissingImports]
+            buffers,
             callbacks,
             logger,
+            noise,
         )
 except ImportError as error:
     raise missing_extra("train") from error
@@ -59,6 +61,7 @@ _WEIGHTS = ("params", "batch_stats")
 # Gradient steps over which policies are averaged. Single policies of cartpole swingup had returns
 # between 500 and 780 within 30,000 control steps, and their averages between 798 and 812.
 _AVERAGED = 3000
+_HELD = 10  # actions after which the correlation of the noise has fallen to 1 / e
 _EPSILON = 0.001  # that SBX's BatchRenorm adds to a variance
 
 
@@ -80,7 +83,12 @@ class Learner:
         self._envs = envs
         self._settings = settings
         jax.config.update("jax_platforms", "cpu")
-        self._model: _Tree = sbx.CrossQ("MlpPolicy", envs, seed=seed, **_arguments(settings))
+        self._noise = _Noise((envs.num_envs, *envs.action_space.shape), settings.noise)
+        arguments = {
+            **_arguments(settings),
+            "action_noise": self._noise if settings.noise else None,
+        }
+        self._model: _Tree = sbx.CrossQ("MlpPolicy", envs, seed=seed, **arguments)
         envs.seed(envs_seed)  # the algorithm has given the rows its own seed
         self._average = _weights(self._model.policy.actor_state)
         self._events = logger.configure(str(folder), ["tensorboard"])
@@ -151,6 +159,7 @@ class Learner:
             "counters": {name: getattr(model, name) for name in _COUNTERS},
             "transitions": {name: getattr(buffer, name)[:kept] for name in _TRANSITIONS},
             "place": (buffer.pos, buffer.full),
+            "noise": self._noise.values,
         }
 
     def restore(self, state: Mapping[str, _Tree]) -> None:
@@ -167,6 +176,7 @@ class Learner:
         for name, rows in state["transitions"].items():
             getattr(buffer, name)[: len(rows)] = rows
         buffer.pos, buffer.full = state["place"]
+        self._noise.values = state["noise"]
 
     def _networks(self) -> dict[str, object]:
         policy = self._model.policy
@@ -220,7 +230,13 @@ def _arguments(settings: Settings) -> dict[str, _Tree]:
         "gamma": settings.discount,
         "train_freq": 1,  # steps of all rows between updates
         "gradient_steps": max(1, round(settings.num_envs * settings.updates)),
-        "policy_kwargs": {"net_arch": {"pi": [*settings.actor], "qf": [*settings.critic]}},
+        "ent_coef": f"auto_{settings.entropy}",
+        "policy_kwargs": {
+            "net_arch": {"pi": [*settings.actor], "qf": [*settings.critic]},
+            "n_critics": settings.critics,
+        },
+        "replay_buffer_class": _Transitions,
+        "replay_buffer_kwargs": {"offset": settings.reward_offset * settings.action_repeat},
     }
 
 
@@ -233,6 +249,39 @@ def _weights(state: _Tree) -> dict[str, _Tree]:
 def _mixed(one: _Tree, other: _Tree, share: np.floating) -> _Tree:
     """Two trees of arrays, as one."""
     return jax.tree_util.tree_map(lambda x, y: x + share * (y - x), one, other)
+
+
+class _Transitions(buffers.ReplayBuffer):  # pyright: ignore[reportUntypedBaseClass]
+    """Transitions whose rewards are those of the task less an offset."""
+
+    def __init__(self, *args: object, offset: float, **kwargs: object) -> None:
+        super().__init__(*args, **kwargs)
+        self._offset = np.float32(offset)
+
+    def add(self, obs: _Tree, next_obs: _Tree, action: _Tree, reward: _Tree, *more: _Tree) -> None:
+        super().add(obs, next_obs, action, reward - self._offset, *more)
+
+
+class _Noise(noise.VectorizedActionNoise):  # pyright: ignore[reportUntypedBaseClass]
+    """Noise that is added to actions between -1 and 1, and changes slowly: a process of order 1.
+
+    It draws from NumPy's global stream, as the algorithm does.
+    """
+
+    def __init__(self, shape: tuple[int, ...], std: float) -> None:
+        self.values = np.zeros(shape)
+        self._std = std
+
+    def __call__(self) -> np.ndarray:
+        kept = math.exp(-1 / _HELD)
+        drawn = np.random.normal(0, self._std, self.values.shape)
+        self.values = kept * self.values + math.sqrt(1 - kept**2) * drawn
+        return self.values
+
+    def reset(self, indices: list[int] | None = None) -> None:
+        """Begins anew in some rows; not in all, which SB3 asks for whenever learning goes on."""
+        if indices is not None:
+            self.values[indices] = 0
 
 
 class _Before(callbacks.BaseCallback):

@@ -155,7 +155,7 @@ def train(
         if folder.is_finished:
             folder.finish()
             return Run(folder.policy, _read_curve(folder.curve), settings, True)
-        training = _Training(folder, factory, environment, settings, seed, began)
+        training = _Training(folder, factory, settings, seed, began)
         try:
             training.run(on_progress)
             mlp.save(folder.policy, training.learner.layers(), training.card(identity, command))
@@ -202,6 +202,12 @@ def _facts(
     }
 
 
+def _of_evaluations(factory: Factory) -> Factory:
+    """The factory of episodes of the task's own length, if they have one, whatever was trained."""
+    whole = factory.full_length()
+    return factory if inside(whole.make(0)).step_limit is None else whole
+
+
 def _limited(spec: specs.BoundedArray, bound: float) -> specs.BoundedArray:
     """The spec of actions, with the bounds +-`bound` where it has none."""
     low, high = bounds_to_try(spec)
@@ -216,7 +222,6 @@ class _Training:
         self,
         folder: Folder,
         factory: Factory,
-        environment: dm_env.Environment,
         settings: Settings,
         seed: int,
         began: float,
@@ -224,9 +229,9 @@ class _Training:
         from limberjack import sb3
         from limberjack.training.learner import Learner
 
-        def rows(count: int, first: int, stagger: bool) -> sb3.VecEnv:
+        def rows(factory: Factory, count: int, first: int, stagger: bool) -> sb3.VecEnv:
             batch = batch_of(
-                factory.build(environment),
+                factory.build(factory.make(0)),
                 count,
                 1,  # thread, for a few percent of the time
                 seed=first,
@@ -243,8 +248,8 @@ class _Training:
         self._folder, self._settings, self._seed = folder, settings, seed
         self._began = began  # processor time of this process when it began
         first = _ROWS + _ROWS_OF_A_RUN * seed
-        self._envs = rows(settings.num_envs, first, True)
-        self._tested = rows(_EPISODES, _EVALUATION, False)
+        self._envs = rows(factory, settings.num_envs, first, True)
+        self._tested = rows(_of_evaluations(factory), _EPISODES, _EVALUATION, False)
         self.learner = Learner(self._envs, settings, seed, first, folder.events)
         self.curve: list[Evaluation] = []
         self._save_at = time.monotonic() + _PATIENCE
