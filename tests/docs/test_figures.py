@@ -174,20 +174,6 @@ def test_the_page_of_exactness_tells_the_results_of_the_long_comparison() -> Non
     assert set(results["tasks"]) == {":".join(task) for task in suite.ALL_TASKS}
 
 
-def test_the_returns_on_the_training_page_are_those_of_the_learning_curves() -> None:
-    runs = json.loads((_RESULTS / "learning_curves.json").read_text(encoding="utf-8"))["runs"]
-    expected = {}
-    for name, of_task in runs.items():
-        steps, finals = of_task[0]["curve"][-1][0], [run["curve"][-1][1] for run in of_task]
-        minutes = sum(run["seconds"] for run in of_task) / 60
-        told = f"{steps:,} | {', '.join(f'{final:.0f}' for final in finals)} | {minutes:.0f}"
-        expected[name.replace(":", " ")] = told
-    rows = re.findall(
-        r"\| (\w+ \w+) \| ([\d,]+ \| [\d, ]+ \| \d+) \|", _text(_DOCS / "training.md")
-    )
-    assert dict(rows) == expected
-
-
 def _results(name: str) -> list[float]:
     """The ratios of a benchmark's committed run, in its order."""
     rows = json.loads((_RESULTS / name).read_text(encoding="utf-8"))["rows"]
