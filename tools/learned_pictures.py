@@ -127,7 +127,8 @@ def _write_film(path: Path, tiles: Sequence[Sequence[np.ndarray]], most: int = M
     columns = columns_of(len(tiles))
     frames = [mosaic(moment, columns) for moment in zip(*tiles, strict=True)]
     for stride in _STRIDES:
-        writer = Writer(path, *frames[0].shape[:2], _FRAME_RATE / stride)
+        height, width, _ = frames[0].shape
+        writer = Writer(path, height, width, _FRAME_RATE / stride)
         for frame in frames[::stride]:
             writer.write(frame)
         writer.finish()

@@ -35,8 +35,6 @@ _MEASURES = _STEPS, _ = "thousand control steps", "minutes of one processor core
 _COLUMNS = 5  # of tasks in a plot of learning
 _PANEL = (1.9, 1.5)  # inches, of one of many tasks
 _COLOUR, _OWN_COLOUR, _PUBLISHED_COLOUR = "C0", "C3", "0.35"  # in matplotlib's notation
-# Text stays text, and the same plot is the same file.
-_SVG = {"svg.fonttype": "none", "svg.hashsalt": "limberjack"}
 
 
 class LearningCurve(NamedTuple):
@@ -147,7 +145,9 @@ def write_learning_plot(path: Path, tasks: Sequence[Learning], description: str 
     rows = math.ceil(len(tasks) / columns)
     if len(tasks) > 1:
         figure.set_size_inches(columns * _PANEL[0], 2 * rows * _PANEL[1])
-    for half, over in zip(figure.subfigures(2, 1), _MEASURES, strict=True):
+    grid = figure.add_gridspec(len(_MEASURES), 1)
+    for number, over in enumerate(_MEASURES):
+        half = figure.add_subfigure(grid[number])
         panels = half.subplots(rows, columns, squeeze=False).ravel()
         for axes, task in zip(panels, tasks, strict=False):
             _draw_learning(axes, task, over)
@@ -159,7 +159,9 @@ def write_learning_plot(path: Path, tasks: Sequence[Learning], description: str 
         figure.axes[0].legend(loc="lower right", fontsize="small")
     is_svg = path.suffix == ".svg"
     more = {"Date": None, "Description": description} if is_svg else None
-    with rc_context(_SVG), replacing(path) as partial:
+    # Text stays text, and the same plot is the same file.
+    same = rc_context({"svg.fonttype": "none", "svg.hashsalt": "limberjack"})
+    with same, replacing(path) as partial:
         figure.savefig(partial, metadata=more)
 
 
