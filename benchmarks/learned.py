@@ -151,7 +151,7 @@ def _row(result: _Result) -> str:
 
 
 def _known(result: _Result, run: _Result) -> str:
-    """What is known of the best that a policy can do, or of the best that others did."""
+    """The best that a policy can do, where that is known, or else the best that others did."""
     if "optimal" in result:
         return f"{run['cost'] / result['optimal']:.3f} of the least cost"
     best = published.best(result["domain"], result["task"], _MILLION)

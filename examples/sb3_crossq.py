@@ -3,7 +3,7 @@
     pip install sb3-contrib stable-baselines3
     python examples/sb3_crossq.py --steps 60000 --envs 8 --out reacher.zip
 
-It prints SB3's table every hundred episodes, at the end the return on seeds that it has not trained
+It prints SB3's table every eight episodes, at the end the return on seeds that it has not trained
 on, and with --out it keeps the model, which `limberjack run reacher easy --policy sb3:reacher.zip`
 plays. `limberjack train reacher easy` learns the same with JAX in less time, and continues
 after a kill.
@@ -62,7 +62,7 @@ def main() -> None:
     )
     envs.seed(_TRAINED + 1000 * given.seed)  # instead of the model's own seed
     began = time.process_time()
-    model.learn(given.steps // ACTION_REPEAT, log_interval=100)
+    model.learn(given.steps // ACTION_REPEAT, log_interval=8)
     seconds = time.process_time() - began
     if given.out is not None:
         model.save(given.out)

@@ -228,7 +228,7 @@ def _call(code: str, name: str) -> ast.Call:
 
 
 def _values(code: str) -> dict[str, Any]:
-    """What a program assigns to names: constants, and what is made of constants."""
+    """The values of the names that a program assigns constants to, or containers of them."""
     found: dict[str, Any] = {}
     for node in ast.parse(code).body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
