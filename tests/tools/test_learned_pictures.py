@@ -47,6 +47,8 @@ def test_the_committed_film_has_a_tile_for_each_task_and_is_small() -> None:
     height, width = learned_pictures.TILE
     assert _size_of_gif(learned_pictures.FILM) == (rows * height, columns * width)
     assert learned_pictures.FILM.stat().st_size <= learned_pictures.MOST_BYTES <= 4_000_000
+    readme = learned_pictures.FOLDER.parents[2] / "README.md"
+    assert "](docs/images/learned.gif)" in readme.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("domain", dict.fromkeys(one.domain for one in _BUNDLED))
