@@ -117,7 +117,7 @@ $(VENV)/installed-minari: $(VENV)/installed-test
 # PyTorch for the CPU is enough. Where pip's index has only the CUDA build, which is several GB, name
 # one that has it: make PIP_EXTRA_INDEX_URL=... test-training
 $(VENV)/installed-training: $(VENV)/installed-test
-	$(INSTALL) '.[test,train]'
+	$(INSTALL) '.[test,train,sb3]'
 	@touch $@
 
 # In an environment of its own: no other test may depend on the packages that Ray brings.

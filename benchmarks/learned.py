@@ -5,8 +5,9 @@
 
 plays each finished policy of `trained/DOMAIN-TASK-SEED` on 100 seeds that no training has seen,
 keeps all returns and learning curves in results/learned, and puts the policy of the median run into
-the package. A task needs three runs or more, an odd number. Without a folder it only writes the
-table of docs/policies.md.
+the package. A task needs three runs or more, an odd number. Then, and without a folder, it writes
+what is made of these results: the table of docs/policies.md, the package's file of learning curves,
+and docs/images/learning_curves.svg, which shows them. tools/learned_pictures.py films the policies.
 """
 
 import csv
@@ -24,14 +25,29 @@ import typer
 from limberjack import suite
 from limberjack.evaluation import Evaluation, evaluate, published
 from limberjack.policies import mlp
+from limberjack.see.report import write_learning_plot
 from limberjack.suite import lqr_solver
+from limberjack.training import curves
+from limberjack.utils.files import replacing
 
-__all__ = ["RESULTS", "SEEDS", "bundle", "main", "results", "section", "write_page"]
+__all__ = [
+    "PICTURE",
+    "RESULTS",
+    "SEEDS",
+    "bundle",
+    "known_curves",
+    "main",
+    "results",
+    "section",
+    "write_curves",
+    "write_page",
+]
 
 RESULTS = Path(__file__).parent / "results" / "learned"
 SEEDS = range(40_000, 40_100)  # on which nothing was trained, evaluated or tuned
 
 _ROOT = Path(__file__).parents[1]
+PICTURE = _ROOT / "docs" / "images" / "learning_curves.svg"
 _PAGE = _ROOT / "docs" / "policies.md"
 _BUNDLED = _ROOT / "src" / "limberjack" / "policies" / "pretrained"
 _POLICY = "policy.safetensors"
@@ -135,7 +151,7 @@ def _row(result: _Result) -> str:
 
 
 def _known(result: _Result, run: _Result) -> str:
-    """What is known of the best that a policy can do, or of the best that others did."""
+    """The best that a policy can do, where that is known, or else the best that others did."""
     if "optimal" in result:
         return f"{run['cost'] / result['optimal']:.3f} of the least cost"
     best = published.best(result["domain"], result["task"], _MILLION)
@@ -217,14 +233,44 @@ def write_page(page: Path = _PAGE) -> None:
     page.write_text(f"{before}{first}\n{section(results())}{last}{after}", encoding="utf-8")
 
 
+def known_curves(found: Iterable[_Result]) -> str:
+    """The text of the package's file of learning curves."""
+    known = {}
+    for result in found:
+        best = published.best(result["domain"], result["task"], _MILLION)
+        known[f"{result['domain']}-{result['task']}"] = {
+            "published": best and {"mean": best.mean, "algorithm": best.algorithm},
+            "runs": [{"seed": run["seed"], "curve": _rounded(run)} for run in result["runs"]],
+        }
+    # A line for each run.
+    return json.dumps(known, separators=(",", ":")).replace('{"seed"', '\n{"seed"') + "\n"
+
+
+def _rounded(run: _Result) -> list[tuple[int, float, float]]:
+    return [(steps, round(seconds, 1), round(mean, 1)) for steps, seconds, mean in run["curve"]]
+
+
+def write_curves(file: Path = curves.FILE, picture: Path = PICTURE) -> None:
+    """Writes the package's file of learning curves, and draws all of them.
+
+    The picture's description is the SHA-256 of the file.
+    """
+    text = known_curves(results())
+    with replacing(file) as partial:
+        partial.write_text(text, encoding="utf-8")
+    tasks = list(curves.parse(text).values())
+    write_learning_plot(picture, tasks, hashlib.sha256(text.encode()).hexdigest())
+
+
 def main(
     trained: Annotated[Path | None, typer.Argument(help="Folder of folders of runs.")] = None,
 ) -> None:
-    """Scores and bundles the runs of a folder, if one is given, and writes the table."""
+    """Scores and bundles the runs of a folder, if one is given; writes table, curves and figure."""
     if trained is not None:
         for name in bundle(trained):
             typer.echo(name)
     write_page()
+    write_curves()
 
 
 if __name__ == "__main__":

@@ -33,7 +33,6 @@ _PARTS = {
     "collecting.json": ("episodes", "policies", "workers", *_SIMULATED),
     "exactness.json": _SIMULATED,
     "learned/*.json": ("suite/{domain}.*", "policies/mlp.py", "training", "mujoco", "rl"),
-    "learning_curves.json": ("gym", "adapters/sb3.py", *_SIMULATED),
     "overhead.json": ("gym", *_SIMULATED),
     "path_searches.json": ("planner", *_SIMULATED),
     "planner.json": ("planner", *_SIMULATED),

@@ -1,6 +1,6 @@
 """A policy file in a program of Stable-Baselines3, measured by SB3's own `evaluate_policy`.
 
-    pip install stable-baselines3
+    pip install sb3-contrib stable-baselines3
     python examples/policy_sb3.py --steps 1000 --envs 4 --policy walker.safetensors
 
 SB3 and its tools ask a policy for one method, `predict`. Without --policy it plays the first of the

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import domain_facts
+import learned_pictures
 import solved_pictures
 from domain_facts import Facts
 
@@ -152,7 +153,32 @@ def _picture(facts: Facts) -> str:
     return f'![{alternative(facts)}]({path}){{ width="160" loading="lazy" }}'
 
 
-def _played(facts: Sequence[Facts]) -> str:
+def _solved(facts: Sequence[Facts]) -> str:
+    """Pictures of episodes of the bundled policies and of the planner; empty without either."""
+    return "\n\n".join(filter(None, (_learned(facts), _planned(facts))))
+
+
+def _learned(facts: Sequence[Facts]) -> str:
+    """A picture of the bundled policies, a row for each task."""
+    played = learned_pictures.episodes()
+    found = sorted(
+        (f.task, played[name]) for f in facts if (name := f"{f.domain}-{f.task}") in played
+    )
+    if not found:
+        return ""
+    domain, names = facts[0].domain, ", ".join(task for task, _ in found)
+    rows = "a row of four pictures" if len(found) == 1 else "a row of four pictures for each task"
+    words = f"The {domain} under the bundled policies: {rows}, {names}"
+    times = ", ".join(f"{second:g}" for second in found[0][1].seconds)
+    means = ", ".join(f"{task} {episode.mean:.1f}" for task, episode in found)
+    return (
+        f'![{words}](images/learned/{domain}.png){{ loading="lazy" }}\n\n*From top to bottom: '
+        f"{names}. The [bundled policies](policies.md#bundled-policies), seed {found[0][1].seed}, "
+        f"after {times} s. Mean returns over 100 seeds: {means}.*"
+    )
+
+
+def _planned(facts: Sequence[Facts]) -> str:
     """Pictures of the planner's episodes; empty for tasks that it does not play."""
     played = solved_pictures.episodes()
     parts = []
@@ -312,7 +338,7 @@ def _source(kind: type, methods: Sequence[str]) -> str:
 
 SECTIONS: dict[str, Callable[[Sequence[Facts]], str]] = {
     "tasks": _tasks,
-    "played by the planner": _played,
+    "solved episodes": _solved,
     "starts": _starts,
     "observations": _observations,
     "actions": _actions,

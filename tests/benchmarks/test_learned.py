@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import re
 import statistics
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from limberjack import policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
 from limberjack.suite import lqr_solver
+from limberjack.training import curves
 
 _RESULTS = learned.results()
 _NAMES = [f"{one['domain']}-{one['task']}" for one in _RESULTS]
@@ -55,6 +57,32 @@ def test_a_bundled_policy_plays_as_its_result_says(result: dict) -> None:
 def test_the_page_has_the_table() -> None:
     page = (Path(learned.__file__).parents[1] / "docs" / "policies.md").read_text("utf-8")
     assert learned.section(_RESULTS) in page
+
+
+def test_the_package_has_the_curves_of_the_results() -> None:
+    assert curves.FILE.read_text("utf-8") == learned.known_curves(_RESULTS)
+
+
+def test_the_figure_is_of_these_curves() -> None:
+    text = learned.PICTURE.read_text("utf-8")
+    digest = hashlib.sha256(curves.FILE.read_bytes()).hexdigest()
+    (found,) = re.findall(r"<dc:description>\s*(\w+)\s*</dc:description>", text)
+    assert found == digest, "draw it again: python benchmarks/learned.py"
+    for name in _NAMES:
+        assert text.count(f">{name.replace('-', ' ')}<") == 2  # over steps and over minutes
+
+
+def test_curves_and_figure_are_written_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learned, "results", lambda: _RESULTS[:1])
+    file, picture = tmp_path / "curves.json", tmp_path / "curves.svg"
+    learned.write_curves(file, picture)
+    assert list(json.loads(file.read_text())) == _NAMES[:1]
+    text = picture.read_text()
+    assert hashlib.sha256(file.read_bytes()).hexdigest() in text
+    assert _NAMES[0].replace("-", " ") in text
+    assert _NAMES[1].replace("-", " ") not in text
 
 
 def test_three_runs_are_scored_and_the_median_one_is_bundled(

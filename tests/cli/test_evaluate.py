@@ -207,7 +207,7 @@ def test_without_the_extra_a_saved_model_is_one_line_that_names_it(
     monkeypatch.delitem(sys.modules, "limberjack.sb3", raising=False)
     result = _invoke(*_COMMAND, "--policy", "sb3:model.zip")
     assert result.exit_code == 2
-    assert "needs the extra 'sb3': pip install stable-baselines3" in result.stderr
+    assert "needs the extra 'sb3': pip install sb3-contrib stable-baselines3" in result.stderr
 
 
 def test_shards_are_reported_and_joined_by_the_same_command(tmp_path: Path) -> None:

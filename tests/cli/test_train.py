@@ -105,10 +105,18 @@ def test_a_killed_command_continues_and_a_finished_one_reports_itself(
     for beginning in ("finished: return", "finished earlier: return"):
         done = _call(*arguments)
         assert done.returncode == 0, done.stderr
-        first, second = done.stdout.splitlines()
+        first, second, third = done.stdout.splitlines()
         assert first.startswith(beginning)
         assert "over 10 episodes, after 1,200 control steps and" in first
-        assert second == str(out / "policy.safetensors")
+        assert (second, third) == (str(out / "policy.safetensors"), str(out / "curve.png"))
+    (out / "curve.png").unlink()
+    hidden = "import sys; sys.modules['matplotlib.figure'] = None\n"
+    program = f"{hidden}from limberjack.cli import main; main()"
+    command = [sys.executable, "-c", program, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[1:] == [second]
+    assert done.stderr.splitlines()[-1].startswith("limberjack: no curve.png: needs the extra")
     played = _call("run", "pendulum", "swingup", "--policy", f"mlp:{second}", "--time-limit", "0.4")
     assert played.returncode == 0, played.stderr
     other = _call(*arguments, "--seed", "1")

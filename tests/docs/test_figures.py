@@ -1,15 +1,21 @@
 """Figures, messages, versions and pictures of the pages agree with their sources."""
 
 import ast
+import contextlib
 import json
 import re
 import statistics
+import textwrap
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import limberjack
 from limberjack import suite
+from limberjack.evaluation import published
+from limberjack.training import settings_for
+from limberjack.utils.facts import Facts
 
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
@@ -174,18 +180,90 @@ def test_the_page_of_exactness_tells_the_results_of_the_long_comparison() -> Non
     assert set(results["tasks"]) == {":".join(task) for task in suite.ALL_TASKS}
 
 
-def test_the_returns_on_the_training_page_are_those_of_the_learning_curves() -> None:
-    runs = json.loads((_RESULTS / "learning_curves.json").read_text(encoding="utf-8"))["runs"]
-    expected = {}
-    for name, of_task in runs.items():
-        steps, finals = of_task[0]["curve"][-1][0], [run["curve"][-1][1] for run in of_task]
-        minutes = sum(run["seconds"] for run in of_task) / 60
-        told = f"{steps:,} | {', '.join(f'{final:.0f}' for final in finals)} | {minutes:.0f}"
-        expected[name.replace(":", " ")] = told
-    rows = re.findall(
-        r"\| (\w+ \w+) \| ([\d,]+ \| [\d, ]+ \| \d+) \|", _text(_DOCS / "training.md")
+def _learned(name: str) -> Facts:
+    """The results of the runs of `limberjack train` on a task."""
+    return json.loads((_RESULTS / "learned" / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def test_the_recipe_that_begins_the_training_page_is_the_one_that_was_measured() -> None:
+    page = (_DOCS / "training.md").read_text(encoding="utf-8")
+    domain, task = re.findall(r"^ +limberjack train (\w+) (\w+) --out \w+$", page, re.MULTILINE)[0]
+    runs = _learned(f"{domain}-{task}")["runs"]
+    assert [run["seed"] for run in runs] == [0, 1, 2]
+
+    def listed(values: list[str]) -> str:
+        return f"{', '.join(values[:-1])} and {values[-1]}"
+
+    means = listed([f"{run['mean']:.0f}" for run in runs])
+    seconds = listed([f"{run['curve'][-1][1]:.0f}" for run in runs])
+    best = published.best(domain, task, 1_000_000)
+    assert best is not None
+    told = (
+        f"had mean returns of {means} over 100 seeds that it was not trained on, after "
+        f"{runs[0]['steps']:,} control steps: {seconds} seconds of one processor core. The best "
+        f"published mean after a million steps is {best.mean:.0f}."
     )
-    assert dict(rows) == expected
+    assert told in _text(_DOCS / "training.md")
+    assert max(run["curve"][-1][1] for run in runs) < 300  # five minutes
+
+
+@pytest.mark.parametrize(
+    "path", sorted((_RESULTS / "learned").glob("*.json")), ids=lambda p: p.stem
+)
+def test_every_learning_curve_is_of_the_command_that_the_training_page_names(path: Path) -> None:
+    result = _learned(path.stem)
+    settings = settings_for(result["domain"])
+    for run in result["runs"]:
+        named = f"limberjack train {result['domain']} {result['task']} --seed {run['seed']}"
+        assert run["command"] == named
+        assert (run["steps"], run["action_repeat"]) == (settings.steps, settings.action_repeat)
+
+
+def _call(code: str, name: str) -> ast.Call:
+    """The call of a function, or of a method of any object, in a program."""
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == name:
+            return node
+    raise AssertionError(f"{name} is not called")
+
+
+def _values(code: str) -> dict[str, Any]:
+    """The values of the names that a program assigns constants to, or containers of them."""
+    found: dict[str, Any] = {}
+    for node in ast.parse(code).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        for target in targets:
+            if isinstance(target, ast.Name) and isinstance(node, ast.Assign | ast.AnnAssign):
+                with contextlib.suppress(ValueError):
+                    found[target.id] = ast.literal_eval(node.value or ast.Constant(None))
+    return found
+
+
+def test_the_snippet_of_stable_baselines3_has_the_settings_of_its_example() -> None:
+    section = (_DOCS / "training.md").read_text("utf-8").partition("## Stable-Baselines3")[2]
+    lines = re.findall(r"(?:^ {4}.*\n|^\n)+", section, re.MULTILINE)[0]
+    snippet = textwrap.dedent(lines)
+    example = (_REPOSITORY / "examples" / "sb3_crossq.py").read_text(encoding="utf-8")
+    values = _values(example)
+    repeat = values["ACTION_REPEAT"]
+    options = {
+        ast.literal_eval(node.args[0]): {k.arg: k.value for k in node.keywords}["default"]
+        for node in ast.walk(ast.parse(example))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "parser.add_argument"
+        if any(k.arg == "default" for k in node.keywords)
+    }
+    rows, steps = (ast.literal_eval(options[name]) for name in ("--envs", "--steps"))
+    updates = max(1, round(values["_UPDATES"] * rows))
+    given = {k.arg: ast.literal_eval(k.value) for k in _call(snippet, "CrossQ").keywords}
+    assert given == {**values["SETTINGS"], "gradient_steps": updates}
+    made = _call(snippet, "make_vec_env")
+    assert [ast.literal_eval(value) for value in made.args] == ["reacher", "easy", rows]
+    assert {k.arg: ast.literal_eval(k.value) for k in made.keywords} == {
+        "action_repeat": repeat,
+        "stagger": True,
+    }
+    assert ast.literal_eval(_call(snippet, "learn").args[0]) == steps // repeat
+    assert f"--steps {steps} --envs {rows} " in example
 
 
 def _results(name: str) -> list[float]:

@@ -28,7 +28,7 @@ _NEEDS = {
     "policy_sb3": (("stable_baselines3",), "sb3"),
     "planner_picture": ((), ""),
     "dataset_pytorch": (("pyarrow", "torch"), "data"),
-    "sb3_ppo": (("stable_baselines3",), "sb3"),
+    "sb3_crossq": (("sb3_contrib", "stable_baselines3"), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
     "rsl_rl_ppo": (("mujoco_warp", "torch", "rsl_rl"), "rsl-rl"),
     "unilab_flash_sac": (("mujoco_warp", "torch", "uni_rl"), "unilab-rl"),
@@ -112,9 +112,18 @@ def test_dataset_pytorch() -> None:
     assert float(found[2]) < 0.8 * float(found[1])
 
 
-def test_sb3_ppo() -> None:
-    printed = _output("sb3_ppo", "--steps", "512", "--envs", "4", "--seconds", "0.5")
-    assert re.search(r"^512 steps; return \d+\.\d \+- \d+\.\d over 4$", printed, re.MULTILINE)
+def test_sb3_crossq(tmp_path: Path) -> None:
+    out = tmp_path / "reacher.zip"
+    small = ("--steps", "2400", "--envs", "4", "--seconds", "0.5", "--out", str(out))
+    printed = _output("sb3_crossq", *small)
+    expected = (
+        r"^2400 control steps in \d+ processor seconds: return \d+\.\d \+- \d+\.\d over the seeds "
+        r"40000:40100$"
+    )
+    assert re.search(expected, printed, re.MULTILINE)
+    task, policy = ("reacher", "easy"), ("--policy", f"sb3:{out}", "--action-repeat", "2")
+    played = _printed("-m", "limberjack", "run", *task, *policy, "--time-limit", "0.5")
+    assert re.search(r"^ *0 +\d+\.\d{3} +25", played, re.MULTILINE), played
 
 
 def test_policy_gymnasium(tmp_path: Path) -> None:

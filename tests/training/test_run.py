@@ -5,6 +5,7 @@ import json
 import logging
 import math
 import resource
+import shutil
 import signal
 import sys
 from collections.abc import Callable
@@ -18,7 +19,8 @@ import pytest
 from limberjack import gym, policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
-from limberjack.training import TABLE, Run, Settings, TrainingError, train
+from limberjack.see.report import Learning
+from limberjack.training import TABLE, Run, Settings, TrainingError, learning_of, train
 from limberjack.training import run as run_module
 from tests.training.small import SMALL, make, remembering
 
@@ -56,8 +58,10 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def test_a_run_leaves_one_policy_its_curve_and_events(undisturbed: Run) -> None:
     folder = undisturbed.policy.parent
     assert sorted(path.name for path in folder.iterdir()) == [
-        *("curve.csv", "policy.safetensors", "tensorboard", "training.json"),
+        *("curve.csv", "curve.png", "policy.safetensors", "tensorboard", "training.json"),
     ]
+    assert undisturbed.picture == folder / "curve.png"
+    assert undisturbed.left_out is None
     assert list((folder / "tensorboard").iterdir())
     first, *_, last = undisturbed.curve
     assert (first.control_steps, last.control_steps) == (0, 1200)
@@ -132,6 +136,52 @@ def test_another_seed_is_another_run(undisturbed: Run, tmp_path: Path) -> None:
     assert not np.array_equal(weights[0], weights[1])
     with pytest.raises(ValueError, match="whose seed is 0, not 1"):
         _pendulum(undisturbed.policy.parent, seed=1)
+
+
+def _drawn_tasks(monkeypatch: pytest.MonkeyPatch) -> list[Learning]:
+    """The tasks that are drawn from now on."""
+    drawn: list[Learning] = []
+
+    def draw(path: Path, tasks: list[Learning]) -> None:
+        drawn.extend(tasks)
+        path.write_bytes(b"a picture")
+
+    monkeypatch.setattr(run_module, "write_learning_plot", draw)
+    return drawn
+
+
+def test_the_picture_has_the_run_beside_those_that_the_package_knows(
+    undisturbed: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = _drawn_tasks(monkeypatch)
+    known = Learning("pendulum swingup", learning_of("cartpole", "swingup").runs)
+    monkeypatch.setattr(run_module, "learning_of", lambda *task: known)
+    shutil.copytree(undisturbed.policy.parent, tmp_path / "run")
+    assert _pendulum(tmp_path / "run", command="limberjack train").picture is not None
+    assert drawn == []  # there is one
+    (tmp_path / "run" / "curve.png").unlink()
+    run = _pendulum(tmp_path / "run", command="limberjack train")
+    assert (run.was_finished, run.picture) == (True, tmp_path / "run" / "curve.png")
+    (task,) = drawn
+    assert (task.title, task.runs) == ("pendulum swingup", known.runs)
+    assert task.own is not None
+    assert task.own.name == "this run, seed 0"
+    assert task.own.steps.tolist() == [one.control_steps for one in run.curve]
+    assert task.own.seconds.tolist() == [one.processor_seconds for one in run.curve]
+    assert task.own.returns.tolist() == [one.mean for one in run.curve]
+
+
+def test_without_matplotlib_a_run_finishes_and_says_why_there_is_no_picture(
+    undisturbed: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    shutil.copytree(undisturbed.policy.parent, tmp_path / "run")
+    (tmp_path / "run" / "curve.png").unlink()
+    run = _pendulum(tmp_path / "run", command="limberjack train")
+    assert run.picture is None
+    assert run.left_out is not None
+    assert run.left_out.startswith("no curve.png: needs the extra 'video': pip install")
+    assert not (tmp_path / "run" / "curve.png").exists()
 
 
 def test_the_callers_random_stream_goes_on(tmp_path: Path) -> None:

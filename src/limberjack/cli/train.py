@@ -14,7 +14,7 @@ from limberjack.cli.options import (
     TaskName,
     named_environment,
 )
-from limberjack.cli.output import failures_reported, misuse_reported, remarks_reported
+from limberjack.cli.output import complain, failures_reported, misuse_reported, remarks_reported
 from limberjack.cli.process import command_line
 from limberjack.cli.progress import Steps, show_steps
 
@@ -59,8 +59,9 @@ def _train(
     """Train a policy with CrossQ, and write it to DIR/policy.safetensors.
 
     Ten episodes are played without exploration every twentieth of the run; their returns are in
-    DIR/curve.csv, and TensorBoard shows DIR. The same command continues a run that was killed, and
-    reports one that has finished.
+    DIR/curve.csv, and TensorBoard shows DIR. At the end DIR/curve.png shows them beside the runs
+    that the bundled policy is from. The same command continues a run that was killed, and reports
+    one that has finished.
     """
     with misuse_reported():
         where = named_environment(domain, task, env)
@@ -108,4 +109,8 @@ def _print(run: "Run") -> None:
         f"after {last.control_steps:,} control steps and {last.processor_seconds:,.0f} seconds of "
         "one processor core"
     )
+    if run.left_out is not None:
+        complain(run.left_out)
     typer.echo(run.policy)
+    if run.picture is not None:
+        typer.echo(run.picture)

@@ -2,6 +2,7 @@
 
     training.json       what identifies the run, and the versions and the command that began it
     curve.csv           one line for each evaluation
+    curve.png           the same as a picture, once the run has finished
     tensorboard/        events for TensorBoard
     checkpoint.pickle   all that the run depends on, until it has finished
     policy.safetensors  the final policy, once the run has finished
@@ -34,7 +35,7 @@ class Folder:
     """See the module's docstring. It is locked until `close`.
 
     Attributes:
-      policy, curve, events: paths.
+      policy, curve, picture, events: paths.
     """
 
     def __init__(self, directory: Path, identity: Facts, more: Facts) -> None:
@@ -52,6 +53,7 @@ class Folder:
         """
         self.policy = directory / POLICY
         self.curve = directory / "curve.csv"
+        self.picture = directory / "curve.png"
         self.events = directory / "tensorboard"
         self._directory = directory
         self._checkpoint = directory / "checkpoint.pickle"

@@ -29,9 +29,11 @@ from limberjack.policies import mlp
 from limberjack.rl.action_specs import bounds_to_try, open_bounds
 from limberjack.rl.batches import batch_of
 from limberjack.rl.pixels import PIXELS_KEY
+from limberjack.see.report import LearningCurve, write_learning_plot
+from limberjack.training.curves import learning_of
 from limberjack.training.folder import POLICY, Folder
 from limberjack.training.settings import Settings, settings_for
-from limberjack.utils.facts import Facts
+from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import WorkError
 from limberjack.workers.factories import Factory, Make, factory_of
@@ -91,12 +93,16 @@ class Run:
       curve: the evaluations; the last one is of the final policy.
       settings: the numbers of the run.
       was_finished: whether an earlier call had finished it.
+      picture: of the curve, beside those of the runs that the package knows; None without one.
+      left_out: the reason why there is no picture.
     """
 
     policy: Path
     curve: tuple[Evaluation, ...]
     settings: Settings
     was_finished: bool
+    picture: Path | None = None
+    left_out: str | None = None
 
 
 def train(
@@ -154,7 +160,8 @@ def train(
     try:
         if folder.is_finished:
             folder.finish()
-            return Run(folder.policy, _read_curve(folder.curve), settings, True)
+            run = Run(folder.policy, _read_curve(folder.curve), settings, True)
+            return _with_picture(run, folder, identity)
         training = _Training(folder, factory, settings, seed, began)
         try:
             training.run(on_progress)
@@ -162,10 +169,29 @@ def train(
         finally:
             training.close()
         folder.finish()
-        return Run(folder.policy, tuple(training.curve), settings, False)
+        run = Run(folder.policy, tuple(training.curve), settings, False)
+        return _with_picture(run, folder, identity)
     finally:
         np.random.set_state(stream)
         folder.close()
+
+
+def _with_picture(run: Run, folder: Folder, identity: Facts) -> Run:
+    """The run with a picture of its curve, which is drawn unless there is one."""
+    if not folder.picture.exists():
+        known = learning_of(identity.get("domain", ""), identity.get("task", ""))
+        own = LearningCurve(
+            f"this run, seed {identity['seed']}",
+            np.array([one.control_steps for one in run.curve]),
+            np.array([one.processor_seconds for one in run.curve]),
+            np.array([one.mean for one in run.curve]),
+        )
+        drawn = known._replace(title=title_of(identity), own=own)
+        try:
+            write_learning_plot(folder.picture, [drawn])
+        except ImportError as error:
+            return dataclasses.replace(run, left_out=f"no {folder.picture.name}: {error}")
+    return dataclasses.replace(run, picture=folder.picture)
 
 
 def _checked(factory: Factory, settings: Settings) -> dm_env.Environment:

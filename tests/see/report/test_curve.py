@@ -1,15 +1,23 @@
-"""The pictures of returns: one line per episode, and many returns in order of size."""
+"""The pictures of returns: over an episode, of many episodes, and of a run that learns."""
 
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import matplotlib.figure
 import numpy as np
 import pytest
 
 from limberjack.episodes import Episode
 from limberjack.see import report
-from limberjack.see.report import write_distribution_plot
+from limberjack.see.report import (
+    Learning,
+    LearningCurve,
+    curve,
+    write_distribution_plot,
+    write_learning_plot,
+)
 
 _POLICIES = {"mine": [1.0, 5.0, 3.0], "zero": [0.0, 0.0, 2.0]}
 
@@ -67,3 +75,59 @@ def test_a_plot_without_matplotlib_names_the_extra(
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib"):
         report.write_return_plot(tmp_path / "return.png", "", _EPISODES, 0.01)
+
+
+_STEPS = np.array([0.0, 500.0, 1000.0, 1500.0])
+_RUN = LearningCurve("seed 0", _STEPS, _STEPS / 10, np.array([-9000.0, 10.0, 400.0, 650.0]))
+_OWN = LearningCurve("mine", _STEPS, _STEPS / 5, np.array([0.0, 20.0, 300.0, 500.0]))
+
+
+def _written(path: Path, tasks: list[Learning], description: str = "") -> str:
+    write_learning_plot(path, tasks, description)
+    return path.read_text(encoding="utf-8")
+
+
+def test_a_learning_plot_names_its_curves_with_their_last_returns(tmp_path: Path) -> None:
+    task = Learning("pendulum swingup", [_RUN], _OWN, (838.4, "published, somebody"))
+    text = _written(tmp_path / "curve.svg", [task], "kept & read")
+    for words in (
+        *("seed 0: 650", "mine: 500", "published, somebody: 838", "pendulum swingup"),
+        *("thousand control steps", "minutes of one processor core", "kept &amp; read"),
+    ):
+        assert f">{words}<" in text
+    assert text.count(">pendulum swingup<") == 2  # over steps and over minutes
+    assert _written(tmp_path / "again.svg", [task], "kept & read") == text
+
+
+def test_a_learning_plot_of_many_tasks_has_a_panel_for_each(tmp_path: Path) -> None:
+    tasks = [Learning(f"task {number}", [_RUN, _RUN]) for number in range(7)]
+    text = _written(tmp_path / "curves.svg", tasks)
+    for number in range(7):
+        assert text.count(f">task {number}<") == 2
+    assert "seed 0" not in text  # no legend
+
+
+def test_the_returns_of_untrained_policies_do_not_squeeze_a_learning_plot() -> None:
+    axes: Any = matplotlib.figure.Figure().subplots()
+    for over, most in ((curve._STEPS, 1.5), ("minutes of one processor core", 5.0)):
+        axes.clear()
+        curve._draw_learning(axes, Learning("a task", [_RUN], _OWN, (700.0, "best")), over)
+        low, high = axes.get_ylim()
+        assert -50 < low < 0
+        assert 700 < high < 750
+        shown = {tuple(line.get_ydata()) for line in axes.lines}
+        assert {tuple(_RUN.returns), tuple(_OWN.returns), (700.0, 700.0)} == shown
+        ends = [line.get_xdata()[-1] for line in axes.lines[:2]]
+        assert max(ends) == pytest.approx(most)
+
+
+def test_a_learning_plot_is_a_png_too_and_needs_matplotlib(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "curve.png"
+    write_learning_plot(path, [Learning("a task", [], _OWN)])
+    assert _size(path) == (960, 600)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ImportError, match=r"needs the extra 'video': pip install"):
+        write_learning_plot(tmp_path / "none.png", [Learning("a task", [], _OWN)])
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,12 +1,13 @@
-"""return.png: reward and return over time, one line per episode; returns.png: many returns.
+"""return.png: reward and return over time; returns.png: many returns; curve.png: a run that learns.
 
 The only module that imports matplotlib, and only while it draws a plot. It needs no display and
 does not touch pyplot's global state.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,43 @@ from limberjack.utils.files import replacing
 from limberjack.utils.requirements import missing_extra
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["write_distribution_plot", "write_return_plot"]
+__all__ = [
+    "Learning",
+    "LearningCurve",
+    "write_distribution_plot",
+    "write_learning_plot",
+    "write_return_plot",
+]
 
 _LEGEND_ENTRIES = 8  # more do not fit beside the plot
 _SIZE = (8.0, 5.0)  # inches
 _DOTS_PER_INCH = 120
 _MARGIN = 0.03  # of the range, above and below the lines
+_MEASURES = _STEPS, _ = "thousand control steps", "minutes of one processor core"
+_COLUMNS = 5  # of tasks in a plot of learning
+_PANEL = (1.9, 1.5)  # inches, of one of many tasks
+_COLOUR, _OWN_COLOUR, _PUBLISHED_COLOUR = "C0", "C3", "0.35"  # in matplotlib's notation
+
+
+class LearningCurve(NamedTuple):
+    """Mean returns of a run's evaluations, over two measures of its length; each is (n,)."""
+
+    name: str
+    steps: np.ndarray  # control steps of all rows together
+    seconds: np.ndarray  # of one processor core
+    returns: np.ndarray
+
+
+class Learning(NamedTuple):
+    """Curves of one task that are drawn together."""
+
+    title: str
+    runs: Sequence[LearningCurve]  # of equal rank, in one colour
+    own: LearningCurve | None = None  # the one that matters, above the others
+    published: tuple[float, str] | None = None  # a return to compare with, and its name
 
 
 def write_return_plot(
@@ -92,6 +122,78 @@ def write_distribution_plot(
     figure.suptitle(title)
     with replacing(path) as partial:
         figure.savefig(partial)
+
+
+def write_learning_plot(path: Path, tasks: Sequence[Learning], description: str = "") -> None:
+    """Draw returns over control steps, and below that over minutes of one processor core.
+
+    Each task has a panel in both halves. Returns far below those of a run's second half are cut
+    off: an untrained policy of lqr loses thousands.
+
+    Args:
+      path: ends in .png or .svg.
+      tasks: at least one; a single one has a legend.
+      description: a text that an SVG keeps.
+
+    Raises:
+      ImportError: matplotlib is not installed.
+    """
+    figure = _figure()
+    from matplotlib import rc_context  # after the check that it is installed
+
+    columns = min(len(tasks), _COLUMNS)
+    rows = math.ceil(len(tasks) / columns)
+    if len(tasks) > 1:
+        figure.set_size_inches(columns * _PANEL[0], 2 * rows * _PANEL[1])
+    grid = figure.add_gridspec(len(_MEASURES), 1)
+    for number, over in enumerate(_MEASURES):
+        half = figure.add_subfigure(grid[number])
+        panels = half.subplots(rows, columns, squeeze=False).ravel()
+        for axes, task in zip(panels, tasks, strict=False):
+            _draw_learning(axes, task, over)
+        for axes in panels[len(tasks) :]:
+            axes.remove()
+        half.supxlabel(over, fontsize="medium")
+        half.supylabel("mean return", fontsize="medium")
+    if len(tasks) == 1:
+        figure.axes[0].legend(loc="lower right", fontsize="small")
+    is_svg = path.suffix == ".svg"
+    more = {"Date": None, "Description": description} if is_svg else None
+    # Text stays text, and the same plot is the same file.
+    same = rc_context({"svg.fonttype": "none", "svg.hashsalt": "limberjack"})
+    with same, replacing(path) as partial:
+        figure.savefig(partial, metadata=more)
+
+
+def _draw_learning(axes: "Axes", task: Learning, over: str) -> None:
+    """Draws the curves of a task over one of the measures."""
+    own = [] if task.own is None else [task.own]
+    for number, curve in enumerate([*task.runs, *own]):
+        is_own = number == len(task.runs)
+        axes.plot(
+            curve.steps / 1e3 if over == _STEPS else curve.seconds / 60,
+            curve.returns,
+            color=_OWN_COLOUR if is_own else _COLOUR,
+            linewidth=2 if is_own else 1,
+            label=f"{curve.name}: {curve.returns[-1]:.0f}",
+        )
+    if task.published is not None:
+        level, name = task.published
+        label = f"{name}: {level:.0f}"
+        axes.axhline(level, color=_PUBLISHED_COLOUR, linewidth=1, linestyle="--", label=label)
+    axes.set_title(task.title, fontsize="small")
+    axes.set_ylim(*_limits(list(_shown(task))))
+    axes.set_xlim(left=0)
+    axes.tick_params(labelsize="x-small")
+    axes.grid(alpha=0.3)
+
+
+def _shown(task: Learning) -> Iterator[np.ndarray]:
+    """The returns that a panel has room for."""
+    for curve in [*task.runs, *([] if task.own is None else [task.own])]:
+        yield curve.returns[len(curve.returns) // 2 :]
+    if task.published is not None:
+        yield np.array([task.published[0]])
 
 
 def _limits(series: Sequence[np.ndarray]) -> tuple[float, float]:
