@@ -23,6 +23,7 @@ from typing import Annotated, Any
 import typer
 
 from limberjack import suite
+from limberjack.episodes.environments import seconds_without_a_limit
 from limberjack.evaluation import Evaluation, evaluate, published
 from limberjack.policies import mlp
 from limberjack.see.report import write_learning_plot
@@ -101,7 +102,7 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
             "runs": [one for one, _ in scored],
         }
         if content["domain"] == "lqr":
-            content["optimal"] = _optimal_cost(content["task"], _time_limit(odd[index]))
+            content["optimal"] = _optimal_cost(content["task"])
             for one, played in scored:
                 scores = played.scores[played.policy]
                 one["cost"] = statistics.fmean(score.length - score.total for score in scores)
@@ -158,14 +159,14 @@ def _known(result: _Result, run: _Result) -> str:
     return "none" if best is None else f"{best.mean:.0f} {best.algorithm}"
 
 
-def _optimal_cost(task: str, time_limit: float | None) -> float:
+def _optimal_cost(task: str) -> float:
     """The mean cost of an episode with lqr's optimal policy; a step's reward is 1 minus its cost.
 
     Each seed has springs of its own, which the policy is computed from.
     """
     costs = []
     for seed in SEEDS:
-        kwargs = {"random": seed, "time_limit": time_limit}
+        kwargs = {"random": seed, "time_limit": _time_limit("lqr", task)}
         with suite.load("lqr", task, task_kwargs=kwargs) as environment:
             _, gain, _ = lqr_solver.solve(environment)
             time_step, cost = environment.reset(), 0.0
@@ -181,8 +182,7 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
     path = folder / _POLICY
     card = mlp.load(path).card
     where = card.domain, card.task
-    limit = _time_limit(folder)
-    evaluation = evaluate(*where, f"mlp:{path}", SEEDS, time_limit=limit)
+    evaluation = evaluate(*where, f"mlp:{path}", SEEDS, time_limit=_time_limit(*where))
     summary = evaluation.summary()
     with (folder / "curve.csv").open(encoding="utf-8") as file:
         _, *lines = csv.reader(file)
@@ -202,12 +202,11 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
     return run, evaluation
 
 
-def _time_limit(folder: Path) -> float | None:
-    """Seconds of an episode in training, for a task without a limit of its own; else None."""
-    facts = json.loads((folder / "training.json").read_text("utf-8"))
-    with suite.load(facts["domain"], facts["task"]) as environment:
+def _time_limit(domain: str, task: str) -> float | None:
+    """Seconds of an episode of a task without a time limit; None for a task that has one."""
+    with suite.load(domain, task) as environment:
         endless = environment.step_limit is None
-    return facts["settings"]["time_limit"] if endless else None
+        return seconds_without_a_limit(environment) if endless else None
 
 
 def _copy(source: Path, target: Path, run: _Result) -> None:

@@ -391,7 +391,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "evaluation/protocol.py": [
         ("_ACTION_REPEAT if demanded is None else None", "_ACTION_REPEAT"),
         ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
-        ("_STEPS * environment.control_timestep() if endless", "_STEPS if endless"),
+        ("seconds_without_a_limit(environment) if endless else None", "None"),
         (
             "np.array([one.scores for one in self.tasks]).T",
             "np.array([o.scores for o in self.tasks])",

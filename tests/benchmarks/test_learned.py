@@ -110,7 +110,8 @@ def test_lqr_is_compared_with_the_optimal_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
-    limit = 60.0  # seconds, after which both balls are at rest
+    # Seconds after which both balls are at rest, where 1,000 control steps take 30.
+    monkeypatch.setattr(learned, "_time_limit", lambda *_: 60.0)
     costs, gain = [], np.zeros((1, 4))
     for seed in learned.SEEDS:
         with suite.load("lqr", "lqr_2_1", task_kwargs={"random": seed}) as environment:
@@ -120,7 +121,7 @@ def test_lqr_is_compared_with_the_optimal_policy(
             first = state[:2] @ state[:2] / 2  # of the start, which no step pays
             costs.append(state @ values @ state / 2 - first)
     for seed, weights in enumerate((gain, np.multiply(gain, 1.5), np.multiply(gain, 0.6))):
-        _make_linear(tmp_path / f"lqr-lqr_2_1-{seed}", seed, weights, limit)
+        _make_linear(tmp_path / f"lqr-lqr_2_1-{seed}", seed, weights)
     learned.bundle(tmp_path, tmp_path / "pretrained", tmp_path / "results")
     (result,) = learned.results(tmp_path / "results")
     assert result["optimal"] == pytest.approx(statistics.fmean(costs), rel=1e-3)
@@ -134,14 +135,14 @@ def _make_run(folder: Path, seed: int, torque: float) -> None:
     """A folder as `limberjack train` leaves it, of a policy that always acts alike."""
     layout = (("orientation", (2,)), ("velocity", (1,)))
     card = mlp.Card(layout, (-1.0,), (1.0,), "relu", "none", 4, "pendulum", "swingup")
-    _write(folder, card, seed, [[0.0] * 3], [torque], None)
+    _write(folder, card, seed, [[0.0] * 3], [torque])
 
 
-def _make_linear(folder: Path, seed: int, gain: np.ndarray, time_limit: float) -> None:
+def _make_linear(folder: Path, seed: int, gain: np.ndarray) -> None:
     """The same of a policy whose action is gain @ state."""
     layout = (("position", (2,)), ("velocity", (2,)))
     card = mlp.Card(layout, (-10.0,), (10.0,), "relu", "none", 1, "lqr", "lqr_2_1")
-    _write(folder, card, seed, gain, [0.0], time_limit)
+    _write(folder, card, seed, gain, [0.0])
 
 
 def _write(
@@ -150,13 +151,10 @@ def _write(
     seed: int,
     weights: npt.ArrayLike,
     offset: npt.ArrayLike,
-    time_limit: float | None,
 ) -> None:
     folder.mkdir()
     card = dataclasses.replace(card, seeds=(seed,), steps=1000)
     mlp.save(folder / "policy.safetensors", [(weights, offset)], card)
-    facts = {"domain": card.domain, "task": card.task, "settings": {"time_limit": time_limit}}
-    (folder / "training.json").write_text(json.dumps(facts))
     (folder / "curve.csv").write_text(
         "control_steps,agent_steps,processor_seconds,mean\n0,0,1.5,2\n"
     )

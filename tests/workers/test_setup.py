@@ -32,7 +32,7 @@ def test_a_setup_is_small_and_opens_what_was_prepared() -> None:
     assert len(pickle.dumps(setup)) < 2000
     here = _copy(setup).opened()
     assert vectorisable(here.environment).step_limit == 10
-    assert vectorisable(here.factory.full_length().make(0)).step_limit == 1000
+    assert vectorisable(here.factory.lasting().make(0)).step_limit == 1000
     assert here.actor.name == "random"
     assert here.actor.sha256 == setup.identity["policy_sha256"]
 

@@ -19,7 +19,15 @@ from limberjack.rl.guards import at_least_one
 from limberjack.rl.row_trial import draws_globally
 from limberjack.workers.factories import Factory
 
-__all__ = ["checked_environment", "checked_repeat", "inside", "step_limit_of"]
+__all__ = [
+    "checked_environment",
+    "checked_repeat",
+    "inside",
+    "seconds_without_a_limit",
+    "step_limit_of",
+]
+
+_USUAL_STEPS = 1000  # control steps of an episode, of nearly all tasks with a time limit
 
 
 def checked_environment(
@@ -108,6 +116,11 @@ def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: Seq
 
 def _control_timestep(environment: dm_env.Environment) -> float:
     return inside(environment).control_timestep()
+
+
+def seconds_without_a_limit(environment: dm_env.Environment) -> float:
+    """Seconds that a task without a time limit is scored for: 1,000 control steps."""
+    return _USUAL_STEPS * inside(environment).control_timestep()
 
 
 def step_limit_of(environment: dm_env.Environment) -> int | None:

@@ -28,7 +28,7 @@ class Starts:
     @classmethod
     def of(cls, factory: Factory) -> "Starts":
         """The kinds of starts of a factory's environments."""
-        full_length = factory.full_length()
+        full_length = factory.lasting()
         return cls(full_length.build(full_length.make(0)))
 
     def kind(self, seed: int) -> str | None:

@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from limberjack import policies, suite
+from limberjack.episodes.environments import seconds_without_a_limit
 from limberjack.evaluation import sets, statistics
 from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
@@ -51,7 +52,6 @@ VERSION = 1  # of the protocol: it changes with any of the numbers below
 SUMMARY = "set.json"  # the file of the results of all tasks
 
 _SEEDS = range(30_000, 30_010)  # on which neither the planner nor an agent of ours was tuned
-_STEPS = 1000  # control steps of an episode; as many as tasks with a time limit of their own have
 _ACTION_REPEAT = 2
 _FULL_RETURN = 1000.0  # the largest return of such an episode; a score is a share of it
 
@@ -303,7 +303,7 @@ def _plan(environment: Environment, runs: Sequence[object], domain: str, task: s
         demanded = policies.find(policy, environment, num_threads=1).action_repeat
         repeats.append(_ACTION_REPEAT if demanded is None else None)
     endless = environment.step_limit is None
-    seconds = _STEPS * environment.control_timestep() if endless else None
+    seconds = seconds_without_a_limit(environment) if endless else None
     return _Plan(seconds, tuple(chosen), tuple(repeats))
 
 

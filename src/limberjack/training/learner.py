@@ -61,6 +61,7 @@ _WEIGHTS = ("params", "batch_stats")
 # Gradient steps over which policies are averaged. Single policies of cartpole swingup had returns
 # between 500 and 780 within 30,000 control steps, and their averages between 798 and 812.
 _AVERAGED = 3000
+_NOISY = 0.5  # share of a run until whose end the noise falls to 0
 _HELD = 10  # actions after which the correlation of the noise has fallen to 1 / e
 _EPSILON = 0.001  # that SBX's BatchRenorm adds to a variance
 
@@ -83,7 +84,7 @@ class Learner:
         self._envs = envs
         self._settings = settings
         jax.config.update("jax_platforms", "cpu")
-        self._noise = _Noise((envs.num_envs, *envs.action_space.shape), settings.noise)
+        self._noise = _Noise((envs.num_envs, *envs.action_space.shape))
         arguments = {
             **_arguments(settings),
             "action_noise": self._noise if settings.noise else None,
@@ -109,6 +110,8 @@ class Learner:
         def prepare() -> None:
             before_step()
             self._add_to_average()
+            done = self.actions_taken / _actions(self._settings)
+            self._noise.std = self._settings.noise * max(0.0, 1 - done / _NOISY)
 
         left = _actions(self._settings) - self.actions_taken
         if left > 0:
@@ -268,13 +271,13 @@ class _Noise(noise.VectorizedActionNoise):  # pyright: ignore[reportUntypedBaseC
     It draws from NumPy's global stream, as the algorithm does.
     """
 
-    def __init__(self, shape: tuple[int, ...], std: float) -> None:
+    def __init__(self, shape: tuple[int, ...]) -> None:
         self.values = np.zeros(shape)
-        self._std = std
+        self.std = 0.0
 
     def __call__(self) -> np.ndarray:
         kept = math.exp(-1 / _HELD)
-        drawn = np.random.normal(0, self._std, self.values.shape)
+        drawn = np.random.normal(0, self.std, self.values.shape)
         self.values = kept * self.values + math.sqrt(1 - kept**2) * drawn
         return self.values
 

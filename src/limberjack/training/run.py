@@ -22,7 +22,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack import gym
-from limberjack.episodes.environments import inside
+from limberjack.episodes.environments import inside, seconds_without_a_limit, step_limit_of
 from limberjack.gym.observations import action_space
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import mlp
@@ -229,9 +229,12 @@ def _facts(
 
 
 def _of_evaluations(factory: Factory) -> Factory:
-    """The factory of episodes of the task's own length, if they have one, whatever was trained."""
-    whole = factory.full_length()
-    return factory if inside(whole.make(0)).step_limit is None else whole
+    """The factory of episodes that are as long as the task's, whatever was trained."""
+    whole = factory.lasting()
+    environment = whole.make(0)
+    if step_limit_of(environment) is not None:
+        return whole
+    return factory.lasting(seconds_without_a_limit(environment))
 
 
 def _limited(spec: specs.BoundedArray, bound: float) -> specs.BoundedArray:

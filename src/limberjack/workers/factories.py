@@ -69,10 +69,10 @@ class Factory:
             made.close()
             raise
 
-    def full_length(self) -> "Factory":
-        """The same factory with the task's own time limit."""
+    def lasting(self, time_limit: float | None = None) -> "Factory":
+        """The same factory with another time limit, the task's own if None; a function stays."""
         domain, task = self.facts.get("domain"), self.facts.get("task")
-        return self if domain is None or task is None else _of_the_suite(domain, task, None)
+        return self if domain is None or task is None else _of_the_suite(domain, task, time_limit)
 
     @property
     def is_known(self) -> bool:
