@@ -6,8 +6,9 @@
 plays each finished policy of `trained/DOMAIN-TASK-SEED` on 100 seeds that no training has seen,
 keeps all returns and learning curves in results/learned, and puts the policy of the median run into
 the package. A task needs three runs or more, an odd number. Then, and without a folder, it writes
-what is made of these results: the table of docs/policies.md, the package's file of learning curves,
-and docs/images/learning_curves.svg, which shows them. tools/learned_pictures.py films the policies.
+what is made of these results: the table of docs/policies.md, the figures of the recipe that begins
+docs/training.md, the package's file of learning curves, and docs/images/learning_curves.svg, which
+shows them. tools/learned_pictures.py films the policies.
 """
 
 import csv
@@ -16,6 +17,7 @@ import hashlib
 import json
 import re
 import statistics
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,20 +30,23 @@ from limberjack.evaluation import Evaluation, evaluate, published
 from limberjack.policies import mlp
 from limberjack.see.report import write_learning_plot
 from limberjack.suite import lqr_solver
-from limberjack.training import curves
+from limberjack.training import Settings, curves, settings_for
 from limberjack.utils.files import replacing
 
 __all__ = [
     "PICTURE",
+    "RECIPE",
     "RESULTS",
     "SEEDS",
     "bundle",
+    "is_outdated",
     "known_curves",
     "main",
+    "recipe",
     "results",
     "section",
     "write_curves",
-    "write_page",
+    "write_pages",
 ]
 
 RESULTS = Path(__file__).parent / "results" / "learned"
@@ -49,12 +54,14 @@ SEEDS = range(40_000, 40_100)  # on which nothing was trained, evaluated or tune
 
 _ROOT = Path(__file__).parents[1]
 PICTURE = _ROOT / "docs" / "images" / "learning_curves.svg"
-_PAGE = _ROOT / "docs" / "policies.md"
+RECIPE = "cartpole-swingup"  # the task that the page of training begins with
+_DOCS = _ROOT / "docs"
 _BUNDLED = _ROOT / "src" / "limberjack" / "policies" / "pretrained"
 _POLICY = "policy.safetensors"
 _LEAST_RUNS = 3
 _LICENCE = "Apache-2.0"
-_MARKS = "<!-- bundled policies: written by benchmarks/learned.py -->", "<!-- end -->"
+_MARK, _END = "<!-- {}: written by benchmarks/learned.py -->", "<!-- end -->"
+_WIDTH = 100  # of a line of text
 _MILLION = 1_000_000
 
 _TEXT = """
@@ -99,6 +106,7 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
             "zero": evaluation.summary("zero").mean,
             "random": evaluation.summary("random").mean,
             "bundled": run["seed"],
+            "settings": _settings(odd[index]),
             "runs": [one for one, _ in scored],
         }
         if content["domain"] == "lqr":
@@ -128,7 +136,12 @@ def section(found: Iterable[_Result]) -> str:
     for result in found:
         counts.add(len(result["runs"]))
         lines.append(_row(result))
+    found = list(found)
     text = _TEXT.format(runs=" or ".join(map(str, sorted(counts))), first=SEEDS[0], end=SEEDS.stop)
+    outdated = [f"{one['domain']} {one['task']}" for one in found if is_outdated(one)]
+    if outdated:
+        told = f"The settings of these tasks have changed since their runs: {', '.join(outdated)}."
+        text += f"\n{textwrap.fill(told, _WIDTH)}\n"
     return f"{text}\n" + "\n".join(lines) + "\n\n" if counts else ""
 
 
@@ -209,6 +222,11 @@ def _time_limit(domain: str, task: str) -> float | None:
         return seconds_without_a_limit(environment) if endless else None
 
 
+def _settings(folder: Path) -> dict[str, object]:
+    """The settings of a run."""
+    return json.loads((folder / "training.json").read_text("utf-8"))["settings"]
+
+
 def _copy(source: Path, target: Path, run: _Result) -> None:
     """Copies a policy, with its scores in the card."""
     policy = mlp.load(source)
@@ -224,12 +242,53 @@ def _short_lists(text: str) -> str:
     return re.sub(r"\[[-\d\s.,e+]*\]", lambda found: " ".join(found[0].split()), text)
 
 
-def write_page(page: Path = _PAGE) -> None:
-    """Replaces the text between the marks."""
-    text, (first, last) = page.read_text(encoding="utf-8"), _MARKS
+def is_outdated(result: _Result) -> bool:
+    """Whether the table of settings has other ones than those of a task's runs.
+
+    Settings that did not exist when the runs were made count with their defaults.
+    """
+    defaults, now = dataclasses.asdict(Settings()), settings_for(result["domain"])
+    used = {**defaults, **result["settings"]}
+    return json.dumps(used, sort_keys=True) != json.dumps(dataclasses.asdict(now), sort_keys=True)
+
+
+def recipe(found: Iterable[_Result]) -> str:
+    """The text about the recipe that the page of training begins with."""
+    (result,) = (one for one in found if f"{one['domain']}-{one['task']}" == RECIPE)
+    runs = result["runs"]
+    seconds = [f"{run['curve'][-1][1]:.0f}" for run in runs]
+    best = published.best(result["domain"], result["task"], _MILLION)
+    text = (
+        f"With the seeds {_listed([run['seed'] for run in runs])} the policy had mean returns of "
+        f"{_listed([format(run['mean'], '.0f') for run in runs])} over {len(SEEDS)} seeds that it "
+        f"was not trained on, after {runs[0]['steps']:,} control steps: {_listed(seconds)} seconds "
+        "of one processor core."
+    )
+    if best is not None:
+        text += f" The best published mean after a million steps is {best.mean:.0f}."
+    if is_outdated(result):
+        text += " The settings have changed since these runs."
+    return "\n" + textwrap.fill(text, _WIDTH) + "\n\n"
+
+
+def _listed(values: Iterable[object]) -> str:
+    *most, last = map(str, values)
+    return f"{', '.join(most)} and {last}"
+
+
+def write_pages(docs: Path = _DOCS) -> None:
+    """Writes the table of the bundled policies and the figures of the recipe into their pages."""
+    found = results()
+    _replace(docs / "policies.md", "bundled policies", section(found))
+    _replace(docs / "training.md", "recipe", recipe(found))
+
+
+def _replace(page: Path, name: str, content: str) -> None:
+    """Replaces the text of a page between the mark of a name and the next end."""
+    text, first = page.read_text(encoding="utf-8"), _MARK.format(name)
     before, _, rest = text.partition(first)
-    _, _, after = rest.partition(last)
-    page.write_text(f"{before}{first}\n{section(results())}{last}{after}", encoding="utf-8")
+    _, _, after = rest.partition(_END)
+    page.write_text(f"{before}{first}\n{content}{_END}{after}", encoding="utf-8")
 
 
 def known_curves(found: Iterable[_Result]) -> str:
@@ -268,7 +327,7 @@ def main(
     if trained is not None:
         for name in bundle(trained):
             typer.echo(name)
-    write_page()
+    write_pages()
     write_curves()
 
 

@@ -16,7 +16,7 @@ from limberjack import policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
 from limberjack.suite import lqr_solver
-from limberjack.training import curves
+from limberjack.training import Settings, curves
 
 _RESULTS = learned.results()
 _NAMES = [f"{one['domain']}-{one['task']}" for one in _RESULTS]
@@ -57,6 +57,33 @@ def test_a_bundled_policy_plays_as_its_result_says(result: dict) -> None:
 def test_the_page_has_the_table() -> None:
     page = (Path(learned.__file__).parents[1] / "docs" / "policies.md").read_text("utf-8")
     assert learned.section(_RESULTS) in page
+
+
+def test_the_page_of_training_begins_with_the_recipe_as_it_was_run() -> None:
+    page = (Path(learned.__file__).parents[1] / "docs" / "training.md").read_text("utf-8")
+    assert learned.recipe(_RESULTS) in page
+    domain, _, task = learned.RECIPE.partition("-")
+    assert page.index(f"    limberjack train {domain} {task} --out") < page.index(
+        "With the seeds 0"
+    )
+
+
+def test_changed_settings_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    (result,) = (one for one in _RESULTS if one["task"] == "swingup")
+    used = {**dataclasses.asdict(Settings()), **result["settings"]}
+    table = Settings(**{**used, "actor": tuple(used["actor"]), "critic": tuple(used["critic"])})
+    now = {"same": table, "other": dataclasses.replace(table, discount=0.5)}
+    sentences = (
+        "The settings of these tasks have changed since their runs: cartpole swingup.",
+        "The settings have changed since these runs.",
+    )
+    for name, settings in now.items():
+        monkeypatch.setattr(learned, "settings_for", lambda domain, found=settings: found)
+        assert learned.is_outdated(result) is (name == "other")
+        for sentence, text in zip(
+            sentences, (learned.section([result]), learned.recipe([result])), strict=True
+        ):
+            assert (sentence in " ".join(text.split())) is (name == "other")
 
 
 def test_the_package_has_the_curves_of_the_results() -> None:

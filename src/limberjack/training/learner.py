@@ -282,7 +282,7 @@ class _Noise(noise.VectorizedActionNoise):  # pyright: ignore[reportUntypedBaseC
         return self.values
 
     def reset(self, indices: list[int] | None = None) -> None:
-        """Begins anew in some rows; not in all, which SB3 asks for whenever learning goes on."""
+        """Begins again in some rows; not in all, which SB3 asks for whenever learning goes on."""
         if indices is not None:
             self.values[indices] = 0
 
