@@ -35,7 +35,7 @@ def make(
       TypeError: an argument is unknown; the message suggests the nearest name.
       ValueError: the time limit is longer than the id's, or the arguments change the control step.
     """
-    arguments.refuse_unknown(kwargs, load)
+    arguments.refuse_unknown(kwargs, Env, load)
     if isinstance(module, str):
         suite.require(domain, module)
     env = load(domain, task, **kwargs)

@@ -170,8 +170,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Raises:
           ValueError, TypeError: a seed or an option is invalid; nothing was reset.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         seeds = arguments.row_seeds(seed, self.num_envs)
         mask = arguments.reset_mask(options, self.num_envs, arguments.STATE)
         begun = np.ones(self.num_envs, bool) if mask is None else mask
@@ -199,8 +198,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             nothing was stepped.
           PhysicsError: a row diverged and `on_divergence` is 'raise'.
         """
+        self._check_idle()
         self._check_begun()
-        self._workers.check_idle()
         if len(self._parts) == 1:
             self._parts[0].check_begun()
             return self._parts[0].step(actions)
@@ -220,13 +219,9 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             for part in self._parts:
                 part.restart()
             raise
-        return (
-            self._joined([step[0] for step in steps]),
-            self._joined([step[1] for step in steps]),
-            self._joined([step[2] for step in steps]),
-            self._joined([step[3] for step in steps]),
-            self._joined([step[4] for step in steps]),
-        )
+        observation, *masks, info = map(self._joined, zip(*steps, strict=True))
+        reward, terminated, truncated = masks
+        return observation, reward, terminated, truncated, info
 
     def send(self, actions: npt.ArrayLike, half: int) -> None:
         """Begin to step a half, and return at once; `recv` returns the result.
@@ -269,8 +264,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
 
         The pictures of a list of cameras are side by side, (height, cameras * width, 3).
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         if self.render_mode is None:
             return None
         pictures = (batch.render(None, **self._render_kwargs) for batch in self.batches)
@@ -289,8 +283,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Raises:
           AttributeError: rows have no such method; the message suggests the nearest name.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         return tuple(attributes.call(self, name, args, kwargs, range(self.num_envs)))
 
     # Any: attributes of any type.
@@ -300,8 +293,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Raises:
           AttributeError: rows have no such attribute; the message suggests the nearest name.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         return tuple(attributes.get(self, name))
 
     def set_attr(self, name: str, values: object) -> None:
@@ -317,8 +309,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
           AttributeError: rows have no such setting, or it cannot be changed.
           ValueError, TypeError: the values do not fit; nothing was set.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         attributes.set_values(self, name, values)
 
     def close_extras(self, **kwargs: object) -> None:
@@ -340,6 +331,11 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     def _check_open(self) -> None:
         if self.closed:
             raise error.ClosedEnvironmentError("this environment is closed: make a new one")
+
+    def _check_idle(self) -> None:
+        """Raise unless this is open, and no half is being stepped."""
+        self._check_open()
+        self._workers.check_idle()
 
     def _check_begun(self) -> None:
         self._check_open()

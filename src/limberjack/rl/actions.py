@@ -3,11 +3,12 @@
 The task checks the shape; see `limberjack.rl.action_specs` for the spec that agents rely on.
 """
 
+import math
 import reprlib
 
 import numpy as np
 
-__all__ = ["as_numbers", "check_finite", "not_finite"]
+__all__ = ["as_numbers", "check_finite", "in_shape", "not_finite"]
 
 
 _WIDEST = np.dtype(np.float64).itemsize  # bytes
@@ -41,6 +42,22 @@ def as_numbers(action: object) -> np.ndarray:
         return given
     with np.errstate(all="ignore"):  # overflow: the result is checked instead
         return given.astype(np.float64)
+
+
+def in_shape(given: np.ndarray, shape: tuple[int, ...], num_rows: int = 1) -> np.ndarray:
+    """The numbers in the shape of their spec; one for one actuator of each row may have any shape.
+
+    Raises:
+      ValueError: they have another shape.
+    """
+    if given.size == math.prod(shape) == num_rows:
+        return given.reshape(shape)
+    if given.shape != shape:
+        raise ValueError(
+            f"action has shape {given.shape}; expected {shape}, one number for each actuator; "
+            "nothing was stepped"
+        )
+    return given
 
 
 def check_finite(given: np.ndarray) -> None:

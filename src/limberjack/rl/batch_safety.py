@@ -201,9 +201,6 @@ class _Trial:
         alone = _copied(self._task)
         one, values = self._begin(alone, row, row, randomizer)
         self._starts[row] = values_of(alone)
-        if randomizer is not None:
-            one.simulation.set_constants()
-            values = self._values(one)
         try:
             with Watch(alone, one, self._declared) as watch:
                 one.after_reset()
@@ -216,10 +213,8 @@ class _Trial:
                 start = rows.start_of(row)
                 one, _ = self._begin(alone, row, _SECOND_START, randomizer)
                 self._starts_again = values_of(alone)
-                if randomizer is not None:
-                    one.simulation.set_constants()
-                self._second_start, again = rows.start_of(row), start
-                rows.set_start(row, again)
+                self._second_start = rows.start_of(row)
+                rows.set_start(row, start)
                 one.after_reset()
             for step in range(_MORE_STEPS):
                 self._step_alone(alone, one, actions[step % _STEPS], n_sub_steps)
@@ -247,6 +242,9 @@ class _Trial:
             keep_own(task, self._declared)
             self._check_global_stream("initialize_episode")
             self._check_model(one, values, "as an episode begins")
+        if randomizer is not None:
+            one.simulation.set_constants()
+            values = self._values(one)
         return one, values
 
     def _step_alone(
@@ -404,19 +402,14 @@ class _Trial:
 
     def compare(self, found: _Record, expected: _Record, row: int, step: int) -> None:
         """Raises ValueError if a row differs from its single simulation."""
-        for label, value in expected.items():
+        for label in [*expected, *(name for name in found if name not in expected)]:
             finding = Finding(label, self._name, row, step, self._num_rows)
-            if label.startswith(MEASUREMENT):
-                if label in found:
-                    finding.check_measurement(found[label], value)
-                continue
-            if label not in found:
-                raise finding.missing(sorted(found))
-            finding.check(found[label], value)
-        for label in found:
-            if label not in expected and not label.startswith(MEASUREMENT):
-                finding = Finding(label, self._name, row, step, self._num_rows)
-                raise finding.surplus()
+            if label in found and label in expected:
+                is_measured = label.startswith(MEASUREMENT)
+                check = finding.check_measurement if is_measured else finding.check
+                check(found[label], expected[label])
+            elif not label.startswith(MEASUREMENT):
+                raise finding.surplus() if label in found else finding.missing(sorted(found))
 
     def check_large_fields(self) -> None:
         """Raises ValueError if a large model field was set, such as the pixels of textures."""
@@ -492,13 +485,12 @@ class _Trial:
 
 def _check_returned(task: str, seen: Mapping[str, object]) -> None:
     """Raises TypeError or ValueError unless the hooks of a single simulation return numbers."""
-    hooks = {"the reward": "get_reward", "is_success": "is_success"}
-    hooks["get_termination"] = "get_termination"
     for label, value in seen.items():
-        is_term, is_observed = label.startswith("reward term"), label.startswith("observation ")
-        if label not in hooks and not is_term and not is_observed:
+        is_observed = label.startswith("observation ")
+        hooks = "the reward", "reward term", "is_success", "get_termination"
+        if not is_observed and not label.startswith(hooks):
             continue
-        name = hooks.get(label, label)
+        name = "get_reward" if label == "the reward" else label
         array = np.asarray(value)
         if array.dtype.kind not in "fiub":
             raise TypeError(

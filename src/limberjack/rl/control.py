@@ -46,7 +46,7 @@ from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
-from limberjack.rl.randomize import Draw, Randomizer, stream_beside
+from limberjack.rl.randomize import Draw, Randomizer, fields_per_episode, stream_beside
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
@@ -55,7 +55,6 @@ from limberjack.rl.streams import stream_of
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
-    "ATTRIBUTES",
     "FLAT_OBSERVATION_KEY",
     "Environment",
     "Physics",
@@ -65,50 +64,33 @@ __all__ = [
     "flatten_observation",
 ]
 
-# The attributes of a plain environment; a subclass or its user may add others.
-ATTRIBUTES = frozenset(
-    [
-        *(
-            "_action_repeat",
-            "_closed",
-            "_draws",
-            "_first",
-            "_flat_observation",
-            "_frames",
-            "_n_sub_steps",
-            "_name",
-        ),
-        *(
-            "_last_terms",
-            "_physics",
-            "_randomizer",
-            "_reset_next_step",
-            "_reward_so_far",
-            "_seeded",
-            "_step_count",
-            "_step_limit",
-        ),
-        *("_task", "_use", "randomization", "registration", "reward_terms"),
-    ]
-)
-
 _MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST  # read faster than from the enum
 
 
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
 
-    # Class attributes, because programs subclass it without calling `__init__`.
-    _closed = False
+    # With values, because programs subclass it without calling `__init__`. The annotations are the
+    # attributes of a plain environment; a subclass or its user may add others.
+    _task: Task
+    _physics: Physics
+    _flat_observation: bool
+    _n_sub_steps: int
+    _step_limit: float
+    _step_count: int
+    _reset_next_step: bool
+    reward_terms: dict[str, Quantity]  # of the last step, by name
+    randomization: dict[str, np.ndarray]  # drawn for this episode, by field
+    _closed: bool = False
     _randomizer: Randomizer | None = None
     # The suite's record of the domain, which makes unpickling import the domain's module.
     registration: object = None
-    _name = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
+    _name: str = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
     _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
     # The task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
     _first: Mapping[str, object] | None = None
-    _action_repeat = 1
+    _action_repeat: int = 1
     _last_terms: Mapping[str, Quantity] | None = None  # of the last of several control steps
     _reward_so_far: Quantity = 0.0  # of a step's control steps, also of one that diverges
     # The task's stream, and the stream derived from it that model fields are drawn from.
@@ -166,7 +148,7 @@ class Environment(dm_env.Environment):
             self._n_sub_steps = compute_n_steps(control_timestep, physics.timestep())
         else:
             self._n_sub_steps = 1
-        self._step_limit = float("inf")
+        self._step_limit = math.inf
         if time_limit != float("inf"):
             self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
         physics.legacy_step = legacy_step
@@ -178,8 +160,7 @@ class Environment(dm_env.Environment):
             check_not_randomized(task, self._randomizer.fields)
             self._simulated.recompute_constants_of(self._randomizer.fields)
         self._frames = Frames.of(pixels, self._simulated)
-        self.reward_terms: dict[str, Quantity] = {}  # of the last step, by name
-        self.randomization: dict[str, np.ndarray] = {}  # drawn for this episode, by field
+        self.reward_terms, self.randomization = {}, {}
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
@@ -261,47 +242,36 @@ class Environment(dm_env.Environment):
         self._reset_next_step = True  # until the step is complete
 
     def _end_control_step(self, number: int) -> dm_env.TimeStep | None:
-        """Ends a control step; returns the action's time step after its last one, else None."""
-        if self._action_repeat != 1:
-            return self._end_repeated_step(number)
-        physics, task = self._physics, self._task
-        task.after_step(physics)
-        reward, self.reward_terms = reward_and_terms(task, physics)
-        observation = task.get_observation(physics)
-        if self._flat_observation or self._frames is not None:
-            observation = self._in_form(observation)
-        self._step_count += 1
-        at_limit = self._step_count >= self._step_limit
-        discount = 1.0 if at_limit else task.get_termination(physics)
-        if getattr(task, EPISODE_ATTRIBUTES, None):
-            self._keep_own()
-        if discount is not None and not np.all(discount != discount):  # None or NaN: go on
-            return dm_env.TimeStep(_LAST, reward, discount, observation)
-        self._reset_next_step = False
-        return dm_env.TimeStep(_MID, reward, 1.0, observation)
+        """Ends a control step; returns the action's time step after its last one, else None.
 
-    def _end_repeated_step(self, number: int) -> dm_env.TimeStep | None:
-        """Like `_end_control_step`, with rewards and terms summed over the action's steps."""
-        physics, task = self._physics, self._task
+        Rewards and their terms are summed over the steps of a repeated action.
+        """
+        physics, task, repeat = self._physics, self._task, self._action_repeat
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
-        state = task.get_observation(physics)
-        self._reward_so_far = self._reward_so_far + reward
-        sums = self.reward_terms
-        self.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
-        self._last_terms = terms
+        if repeat != 1:
+            reward = self._reward_so_far = self._reward_so_far + reward
+            sums, self._last_terms = self.reward_terms, terms
+            terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
+        self.reward_terms = terms
+        observation = task.get_observation(physics)
         self._step_count += 1
         at_limit = self._step_count >= self._step_limit
         ending = 1.0 if at_limit else task.get_termination(physics)
-        self._keep_own()
+        if getattr(task, EPISODE_ATTRIBUTES, None):
+            self._keep_own()
+        # None or NaN: the episode continues.
         is_last = ending is not None and not np.all(ending != ending)
-        if not is_last and number + 1 < self._action_repeat:
+        if not is_last and number + 1 < repeat:
             return None
-        observation = self._in_form(state)
-        self._reset_next_step = is_last
-        step_type = _LAST if is_last else _MID
-        discount = ending if is_last else 1.0
-        return dm_env.TimeStep(step_type, self._reward_so_far, discount, observation)
+        if self._flat_observation:
+            observation = flatten_observation(observation)
+        if self._frames is not None:
+            observation = self._frames.observe(self._simulated, observation)
+        if is_last:
+            return dm_env.TimeStep(_LAST, reward, ending, observation)
+        self._reset_next_step = False
+        return dm_env.TimeStep(_MID, reward, 1.0, observation)
 
     def action_spec(self) -> Nested:
         """Spec of valid actions."""
@@ -447,9 +417,10 @@ class Environment(dm_env.Environment):
         self._check_open()
         if self._first is None:
             self._first = self._first_values()
-        if as_snapshot(snapshot).copies:
-            snapshot.check(Snapshot.origin_of_copy(self), size=1)
-            snapshot.check_copies(is_plain=difference(self) is None)
+        is_copy = bool(as_snapshot(snapshot).copies) or difference(self) is not None
+        own = Snapshot.of_copy(self) if is_copy else self.snapshot()
+        snapshot.check_all(own, 1, math.inf if is_copy else self._step_limit)
+        if is_copy:
             kept = copied(snapshot.copies[0])
             with self._use:
                 vars(self).clear()
@@ -457,11 +428,6 @@ class Environment(dm_env.Environment):
                 if snapshot.resets.any():
                     self._reset_next_step = True
             return
-        own = self.snapshot()
-        snapshot.check(own.origin, size=1)
-        snapshot.check_copies(is_plain=not own.copies)
-        snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
-        snapshot.check_length(self._step_limit)
         with self._use:
             self._reset_next_step = True  # until it is complete
             self._simulated.simulation.load(snapshot.physics)
@@ -584,8 +550,7 @@ class Environment(dm_env.Environment):
 
     def _saved_fields(self) -> tuple[str, ...]:
         """Model fields set per episode."""
-        randomized = self._randomizer.fields if self._randomizer is not None else ()
-        return (*getattr(self._task, "EPISODE_FIELDS", ()), *randomized)
+        return fields_per_episode(self._task, self._randomizer)
 
     def _draw_stream(self) -> np.random.RandomState:
         """The stream from which model fields are drawn; replaced when the task's stream is."""
@@ -605,15 +570,10 @@ class Environment(dm_env.Environment):
         if self._closed:
             raise RuntimeError("this environment is closed: load or construct a new one")
 
-    def _observe(self, draws: bool = True) -> Mapping[str, Quantity]:
+    def _observe(self) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
-        observation = self._task.get_observation(self._physics)
-        return self._in_form(observation, draws)
-
-    def _in_form(self, state: Mapping[str, Quantity], draws: bool = True) -> Mapping[str, Quantity]:
-        """The task's observation, flat if wanted, and with a new picture."""
-        observation = flatten_observation(state) if self._flat_observation else state
-        if self._frames is None or not draws:
+        observation = self._seen_by(self._task)
+        if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation)
 
@@ -642,7 +602,8 @@ class Environment(dm_env.Environment):
         actions.check_finite(given)
 
 
-set_plain(Environment, ATTRIBUTES)
+# `_use` is created on first use.
+set_plain(Environment, frozenset(Environment.__annotations__) | {"_use"})
 
 
 def compute_n_steps(

@@ -92,7 +92,8 @@ class _Phases:
             try:
                 if job(row):
                     going_on.append(row)
-            except PhysicsError:
+            except PhysicsError as error:
+                self._found.error = error
                 self._found.end_diverged(row, self._environments[row], self._steps_before[row])
             except BaseException as error:  # of any class: it is the user's code
                 self.errors.append((row, error))

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import dm_env
 import numpy as np
 
+from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 
@@ -31,6 +32,7 @@ class RowStep:
       timed_out: mask of rows whose episode was truncated.
       cut_off: mask of rows whose environment does not know that its episode has ended.
       steps: that each row has made.
+      error: of a row that diverged.
     """
 
     def __init__(self, observation: dict[str, np.ndarray], last: Mapping[str, np.ndarray]) -> None:
@@ -47,6 +49,7 @@ class RowStep:
         self.timed_out = np.zeros(count, bool)
         self.cut_off = np.zeros(count, bool)
         self.steps = np.zeros(count, int)
+        self.error: PhysicsError | None = None
 
     def take(self, row: int, time_step: dm_env.TimeStep, plain: Environment | None) -> None:
         """Adds a row's time step.

@@ -106,22 +106,24 @@ class Snapshot:
             **{what: fact for what, fact in identity.items() if what != _NUMBERS},
         }
 
-    def part(self, index: int) -> "Snapshot":
-        """The snapshot of one of the environments."""
-        one = slice(index, index + 1)
-        return dataclasses.replace(
-            self,
-            physics={name: values[one] for name, values in self.physics.items()},
-            step_count=self.step_count[one],
-            begins=self.begins[one],
-            streams=self.streams[one],
-            frames={name: values[one] for name, values in self.frames.items()},
-            memory=self.memory[one],
-            copies=self.copies[one],
-            observations={name: values[one] for name, values in self.observations.items()},
-            resets=self.resets[one],
-            limits=None if self.limits is None else self.limits[one],
-        )
+    def part(self, rows: int | np.ndarray) -> "Snapshot":
+        """The snapshot of one of the environments, or of some, by number.
+
+        Raises:
+          IndexError: there are fewer environments.
+        """
+        numbers = np.atleast_1d(rows)
+        parts = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            # An empty array or list stands for nothing, whatever the size.
+            if isinstance(value, np.ndarray):
+                parts[field.name] = value[numbers] if len(value) else value
+            elif isinstance(value, list):
+                parts[field.name] = [value[row] for row in numbers] if value else []
+            elif isinstance(value, dict) and field.name != "origin":
+                parts[field.name] = {name: array[numbers] for name, array in value.items()}
+        return dataclasses.replace(self, **parts)
 
     def __repr__(self) -> str:
         task = self.name or str(self.origin.get("task"))
@@ -131,6 +133,20 @@ class Snapshot:
 
     def __len__(self) -> int:
         return len(self.streams)
+
+    def check_all(self, own: "Snapshot", size: int, step_limit: float = math.inf) -> None:
+        """Raises ValueError unless this can be restored.
+
+        Args:
+          own: a snapshot of the environment or batch to restore it into, of any number of rows.
+          size: number of environments that this must hold.
+          step_limit: steps per episode.
+        """
+        self.check(own.origin, size)
+        self.check_copies(is_plain=not own.copies)
+        if not self.copies:
+            self.check_arrays(own.physics, own.frames, len(own.streams[0]))
+        self.check_length(step_limit)
 
     def check(self, origin: dict[str, object], size: int) -> None:
         """Raises ValueError if the task, model, version or number of environments differs."""

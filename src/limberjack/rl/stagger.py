@@ -35,15 +35,20 @@ class Stagger:
         state = [*np.asarray(key, np.uint32).tolist(), int(position), int(_OWN)]
         self.shares[row] = np.random.RandomState(np.array(state, np.uint32)).uniform()
 
+    def with_limits(self, limits: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """The limits and shares of rows as a snapshot holds them, (n, 2)."""
+        return np.stack([limits[rows], self.shares[rows]], axis=-1)
+
     def limit_of_next(self, row: int, limit: float) -> float:
         """The limit of the episode that begins in a row; the one after it is full."""
         share, self.shares[row] = self.shares[row], _FULL
         return limit if share == _FULL else 1 + math.floor(share * math.ceil(limit))
 
 
-def check_limit(limit: float) -> None:
-    """Raises ValueError for episodes without a limit, which cannot be cut short at random."""
+def check_limit(limit: float) -> float:
+    """The limit; raises ValueError if it is infinite: then nothing can be cut short at random."""
     if not math.isfinite(limit):
         raise ValueError(
             "stagger is True, but the episodes have no time limit: give the task a time_limit"
         )
+    return limit

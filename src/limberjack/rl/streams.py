@@ -12,9 +12,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from limberjack.rl.contract import Simulation, Task
+from limberjack.rl.guards import first_seed
 from limberjack.rl.randomize import stream_beside
 from limberjack.rl.stream_fields import set_stream_fields
-from limberjack.utils.seeds import checked_seed
 
 __all__ = ["States", "Streams", "stream_of"]
 
@@ -41,13 +41,8 @@ class Streams:
     """For each row a stream for its starts, and a separate stream for its model fields."""
 
     def __init__(self, seed: int | None, count: int) -> None:
-        """Creates the streams of `RandomState(seed + i)`; None for an arbitrary seed.
-
-        Raises:
-          TypeError, ValueError: the first or the last seed is invalid: see `checked_seed`.
-        """
-        first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
-        checked_seed(first + count - 1)
+        """Creates the streams of `RandomState(seed + i)`; see `first_seed`."""
+        first = first_seed(seed, count)
         self.seeds: list[int | None] = list(range(first, first + count))  # None: not known
         self.own = [np.random.RandomState(first + i) for i in range(count)]
         self.beside = [stream_beside(stream) for stream in self.own]

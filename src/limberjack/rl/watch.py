@@ -27,6 +27,7 @@ import numpy as np
 
 from limberjack.rl.batch_measurements import RECORDS
 from limberjack.rl.references import ATOMS, attributes_of, cells_of
+from limberjack.rl.shared_streams import state_of
 
 __all__ = ["QuickWatch", "Watch"]
 
@@ -252,9 +253,8 @@ class _Frozen:
             if value.dtype == object:
                 return value.shape, [self(part) for part in value.ravel().tolist()]
             return value.dtype.str, value.shape, value.tobytes()
-        stream = _state_of_stream(value)
-        if stream is not None:
-            return self(stream)
+        if isinstance(value, np.random.RandomState | np.random.Generator | random.Random):
+            return state_of(value)
         if isinstance(value, Mapping):
             return type(value), [(self(key), self(part)) for key, part in value.items()]
         if isinstance(value, list | tuple | collections.deque):
@@ -274,11 +274,3 @@ class _Frozen:
             return repr(value)
         attributes = attributes_of(value)
         return id(value), [(name, self(part)) for name, part in attributes.items()]
-
-
-def _state_of_stream(value: object) -> object | None:
-    if isinstance(value, np.random.RandomState):
-        return value.get_state(legacy=False)
-    if isinstance(value, np.random.Generator):
-        return value.bit_generator.state
-    return value.getstate() if isinstance(value, random.Random) else None
