@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from dm_env import specs
 
-from limberjack.rl import actions
+from limberjack.rl import action_specs
 from limberjack.rl.builds import Build, Make, Seeded, numbers_of, physics_of
 from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
@@ -32,10 +32,10 @@ from limberjack.rl.copies import check_copies, copied
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description
-from limberjack.rl.row_threads import RowErrors
 from limberjack.rl.row_trial import Form
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.rl.snapshot import Snapshot
+from limberjack.rl.threads import RowErrors
 from limberjack.rl.watch import QuickWatch
 from limberjack.utils.arrays import Quantity
 
@@ -175,8 +175,9 @@ class Single:
         """
         plain = self._plain
         if plain is None:
-            given = actions.in_shape(actions.as_numbers(action), self.action_spec().shape)
-            actions.check_finite(given)
+            numbers = action_specs.as_numbers(action)
+            given = action_specs.in_shape(numbers, self.action_spec().shape)
+            action_specs.check_finite(given)
             return _of_one(self._row.step(given[None]), begins=False)
         self._keep_what_was_set()
         if not self._to_watch:

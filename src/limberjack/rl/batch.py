@@ -48,8 +48,7 @@ from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Randomizer, fields_per_episode, show_drawn
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
-from limberjack.rl.stagger import check_limit
-from limberjack.rl.streams import Streams
+from limberjack.rl.streams import Streams, check_limit
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
@@ -91,7 +90,7 @@ class BatchEnvironment(Batch):
           pixels: pictures to observe; see `limberjack.rl.pixels`.
           action_repeat: control steps per action; see `control.Environment.step`.
           stagger: end the first episode of each row after a random number of steps; see
-            `limberjack.rl.stagger`.
+            `limberjack.rl.streams`.
 
         Raises:
           ValueError: the task is not batch-safe, or `on_divergence` is neither of the two.

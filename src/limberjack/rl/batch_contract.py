@@ -27,7 +27,7 @@ from limberjack.rl.guards import (
 from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.snapshot import Snapshot
-from limberjack.rl.stagger import Stagger
+from limberjack.rl.streams import Stagger
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.log import log
 

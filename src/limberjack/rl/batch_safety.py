@@ -32,7 +32,6 @@ from limberjack.mujoco.fields import fields_of_rows
 from limberjack.mujoco.replicas import Replicas
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_errors import Finding, NotVectorised, explained
-from limberjack.rl.batch_measurements import MEASUREMENT, measurements_of
 from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import difference
 from limberjack.rl.episode_attributes import EpisodeAttributes, advice
@@ -41,8 +40,8 @@ from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.shared_streams import fingerprint, put_back_after
-from limberjack.rl.stream_fields import set_stream_fields
-from limberjack.rl.watch import Watch
+from limberjack.rl.streams import set_stream_fields
+from limberjack.rl.watch import MEASUREMENT, Watch, measurements_of
 from limberjack.utils import arrays
 from limberjack.utils.suggest import did_you_mean
 

@@ -59,7 +59,7 @@ def batch_of(
       action_repeat: control steps per action; None for the environment's own. See
         `control.Environment.step`.
       stagger: end the first episode of each row after a random number of steps, so that rows do not
-        end together; see `limberjack.rl.stagger`.
+        end together; see `limberjack.rl.streams`.
 
     Raises:
       ValueError: a number is out of range; or `vectorised` is True and the task cannot be

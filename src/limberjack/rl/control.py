@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 from dm_env import specs
 
-from limberjack.rl import actions
+from limberjack.rl import action_specs
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import (
     check_copies,
@@ -50,8 +50,7 @@ from limberjack.rl.randomize import Draw, Randomizer, fields_per_episode, stream
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
-from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
-from limberjack.rl.streams import stream_of
+from limberjack.rl.streams import check_not_randomized, set_stream_fields, stream_of
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
@@ -222,7 +221,7 @@ class Environment(dm_env.Environment):
         finally:
             use.leave()
 
-    # A control step in parts, between which the physics is stepped; see `limberjack.rl.row_phases`.
+    # A control step in parts, between which the physics is stepped; see `limberjack.rl.row_step`.
 
     @property
     def _steps_in_parts(self) -> bool:
@@ -591,15 +590,15 @@ class Environment(dm_env.Environment):
         if type(action) is np.ndarray and action.dtype.char in "df":
             # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():
-                actions.check_finite(action)
+                action_specs.check_finite(action)
             return
         try:
-            given = actions.as_numbers(getattr(action, "continuous_actions", action))
+            given = action_specs.as_numbers(getattr(action, "continuous_actions", action))
         except (TypeError, ValueError):
             if isinstance(self._task.action_spec(self._physics), specs.Array):
                 raise
             return
-        actions.check_finite(given)
+        action_specs.check_finite(given)
 
 
 # `_use` is created on first use.

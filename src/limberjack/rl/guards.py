@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from dm_env import specs
 
-from limberjack.rl.actions import as_numbers, not_finite
+from limberjack.rl.action_specs import as_numbers, not_finite
 from limberjack.utils.seeds import checked_seed
 
 __all__ = [

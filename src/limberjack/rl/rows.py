@@ -12,7 +12,7 @@ environments share: global random streams, class attributes, modules' globals an
 environment draws from a global stream, the rows are stepped on one thread, in order.
 
 A few threads step the rows. In plain environments they advance the simulation only, and the
-caller's thread runs the hooks (`limberjack.rl.row_phases`). A row whose episode has ended is
+caller's thread runs the hooks (`limberjack.rl.row_step`). A row whose episode has ended is
 stepped once more, which begins its next one, as dm_env specifies. A row that diverges ends with
 reward 0 and discount 0, and shows its last observation again. Any other error of a row is raised
 with the row's number once all threads have returned; every row then begins an episode with the next
@@ -37,7 +37,7 @@ from dm_env import specs
 
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl import guards
-from limberjack.rl.actions import in_shape
+from limberjack.rl.action_specs import in_shape
 from limberjack.rl.batch_contract import Batch, RowNumbers
 from limberjack.rl.builds import (
     Build,
@@ -54,13 +54,11 @@ from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.pixels import Pixels
-from limberjack.rl.row_phases import step_in_phases
-from limberjack.rl.row_step import RowStep, as_mapping
-from limberjack.rl.row_threads import RowErrors, RowThreads, interrupts, run
+from limberjack.rl.row_step import RowStep, as_mapping, step_in_phases
 from limberjack.rl.row_trial import Form, Trial, model_of, noted
 from limberjack.rl.snapshot import Snapshot, as_snapshot
-from limberjack.rl.stagger import check_limit
-from limberjack.rl.threads import threads_for
+from limberjack.rl.streams import check_limit
+from limberjack.rl.threads import RowErrors, RowThreads, interrupts, run, threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.cores import usable_cores
@@ -104,7 +102,7 @@ class RowsEnvironment(Batch):
           action_repeat: calls of `step` per action, stopped at the end of an episode, with the sum
             of their rewards; None for the environments' own.
           stagger: end the first episode of each row after a random number of steps; see
-            `limberjack.rl.stagger`.
+            `limberjack.rl.streams`.
           why_rows: the reason why the task is not vectorised.
 
         Raises:
