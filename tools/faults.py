@@ -149,7 +149,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return _start(one) == _start(other)", "return True"),
     ],
     "rl/memory.py": [
-        ("            for name in _kept(task, physics)[key]:\n", "            for name in ():\n"),
+        ("        for name in _kept(task, physics)[key]:\n", "        for name in ():\n"),
         ("    memory = copy.deepcopy(dict(memory), _memo(task, physics))\n", ""),
         ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),
     ],

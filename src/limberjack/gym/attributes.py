@@ -157,6 +157,7 @@ def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int
     return [one(*args, **kwargs) if callable(one) else one for one in chosen]
 
 
+# Any: of a class of the user.
 def _methods_of(batch: Batch, name: str) -> list[Any]:
     """A method of each row of one batch, or the values of an attribute."""
     if _is_of_environments(batch):

@@ -15,6 +15,7 @@ import inspect
 import math
 import reprlib
 from collections.abc import Callable
+from typing import Any
 
 import dm_env
 import numpy as np
@@ -69,10 +70,9 @@ def spec_of(env: dm_env.Environment) -> specs.BoundedArray:
     Raises:
       TypeError, ValueError: see `bounded_spec`.
     """
-    from limberjack.rl.control import Environment  # which imports this package's other modules
-
-    if isinstance(env, Environment) and difference(env) is None:
-        return bounded_spec(env.task, env.physics)
+    if difference(env) is None:
+        plain: Any = env  # a `control.Environment`, whose module imports this one
+        return bounded_spec(plain.task, plain.physics)
     spec = env.action_spec()
     if not isinstance(spec, specs.BoundedArray):
         raise TypeError(

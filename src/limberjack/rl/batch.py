@@ -44,8 +44,8 @@ from limberjack.rl.endings import Counter, Repeated
 from limberjack.rl.episode_attributes import EpisodeAttributes, check_declared
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.memory import Memory, remembered
-from limberjack.rl.pixels import Frames, PixelOptions, Pixels
-from limberjack.rl.randomize import Randomizer, fields_per_episode, show_drawn
+from limberjack.rl.pixels import Frames, Pixels
+from limberjack.rl.randomize import show_drawn
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.streams import Streams, check_limit
@@ -61,72 +61,63 @@ _LAST = int(dm_env.StepType.LAST)
 class BatchEnvironment(Batch):
     """Episodes of a task on a batch of simulations; see the module's docstring."""
 
+    # Shape and dtype of each observation, by name, once they are known.
+    _forms: dict[str, tuple[tuple[int, ...], np.dtype]]
+    # Each row's last observation, and whether it is known. A row that is not stepped shows it
+    # again, since a task that remembers may answer differently when it is asked again.
+    _observed: MutableMapping[str, np.ndarray]
+    _has_observed: np.ndarray
+
     def __init__(
         self,
-        replicas: Replicas[Any],  # of the domain's own physics
-        task: Task,
-        n_sub_steps: int = 1,
-        step_limit: float = float("inf"),
+        env: control.Environment,
+        num_envs: int,
+        num_threads: int | None = None,
         seed: int | None = None,
-        flat_observation: bool = False,
         on_divergence: str = "end",
-        randomizer: Randomizer | None = None,
-        pixels: PixelOptions | Pixels | None = None,
-        action_repeat: int = 1,
         stagger: bool = False,
+        action_repeat: int | None = None,
     ) -> None:
-        """Creates a batch whose first `step` or `reset` begins an episode in every row.
-
-        Args:
-          replicas: the simulations, from `replicate` of a `mujoco.Physics`.
-          task: a task whose quantities have the leading axis; it must not be used elsewhere.
-          n_sub_steps: physics steps per action.
-          step_limit: steps per episode.
-          seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
-          flat_observation: join the observation into one array, under 'observations'.
-          on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
-            'raise' raises `PhysicsError`.
-          randomizer: draws model fields for each episode.
-          pixels: pictures to observe; see `limberjack.rl.pixels`.
-          action_repeat: control steps per action; see `control.Environment.step`.
-          stagger: end the first episode of each row after a random number of steps; see
-            `limberjack.rl.streams`.
-
-        Raises:
-          ValueError: the task is not batch-safe, or `on_divergence` is neither of the two.
-        """
-        super().__init__(replicas.num_envs, seed, on_divergence, action_repeat, stagger)
+        """Creates a batch; see `from_environment`."""
+        check_plain(env)
+        num_envs = guards.at_least_one("num_envs", num_envs)
+        self._randomizer = env._randomizer
+        self._saved_fields = env._saved_fields()
+        check_episode_fields(env.task)
+        check_declared(env.task)
+        guards.check_memory(
+            num_envs, env.physics.simulation.save(None, self._saved_fields).values()
+        )
+        repeat = env.action_repeat if action_repeat is None else action_repeat
+        super().__init__(num_envs, seed, on_divergence, repeat, stagger)
+        proved = is_proved(env.task, env.physics, env._randomizer)
+        self._task = task = _task_of(env, proved)
+        self.name = env._name or type(task).__name__
+        self._n_sub_steps, self._flat_observation = env._n_sub_steps, env._flat_observation
+        threads = threads_for(num_threads, num_envs, env)
+        # Any: of the domain's own physics.
+        replicas: Replicas[Any] = env.physics.replicate(num_envs, threads, self._saved_fields)
         self._replicas = replicas
-        self._task = task
-        self.name = type(task).__name__
-        self._n_sub_steps = n_sub_steps
-        self._flat_observation = flat_observation
-        self._randomizer = randomizer
-        self._saved_fields = fields_per_episode(task, randomizer)
         self._randomization: dict[str, np.ndarray] = {}
-        self._frames = Frames.of(pixels, replicas)
-        self._streams = Streams(self._seeds[0], self.num_envs)
+        self._frames = Frames.of(env.pixels, replicas)
+        self._streams = Streams(self._seeds[0], num_envs)
         self._seeds = self._streams.seeds
-        self._counter = Counter(self.num_envs, step_limit, self.name)
+        self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
         self._steps = self._counter.steps
-        # Shape and dtype of each observation, by name, once they are known.
-        self._forms: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
+        self._forms = {}
+        self._reward_terms: dict[str, Quantity] = {}
         self._last_terms: Mapping[str, Quantity] = {}  # of each row's last control step
         if stagger:
-            self.step_limit = step_limit
+            self.step_limit = env._step_limit
         self._all_begin = self._begins.copy()
-        self._reward_terms: dict[str, Quantity] = {}
         spec = bounded_spec(task, replicas.single)
-        self._action_spec = guards.batched_spec(spec, self.num_envs)
-        proved = is_proved(task, replicas.single, randomizer)
+        self._action_spec = guards.batched_spec(spec, num_envs)
         if not proved:
-            check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
-        self._memory = EpisodeAttributes(task, self.num_envs, proved)
-        # Each row's last observation, and whether it is known. A row that is not stepped shows it
-        # again, since a task that remembers may answer differently when it is asked again.
-        self._observed: MutableMapping[str, np.ndarray] = {}
-        self._has_observed = np.zeros(self.num_envs, bool)
-        self._begin_streams(range(self.num_envs))
+            self._check_task(spec)
+        self._memory = EpisodeAttributes(task, num_envs, proved)
+        self._observed = {}
+        self._has_observed = np.zeros(num_envs, bool)
+        self._begin_streams(range(num_envs))
 
     @classmethod
     def from_environment(
@@ -141,12 +132,17 @@ class BatchEnvironment(Batch):
     ) -> Self:
         """A batch of environments like `env`, which is not changed.
 
+        Its first `step` or `reset` begins an episode in every row.
+
         Args:
           env: a single environment, of the suite or with your own batch-safe task.
           num_envs: number of rows.
           num_threads: number of threads; by default as many cores as a step can occupy.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
-          on_divergence, stagger: see the constructor.
+          on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
+            'raise' raises `PhysicsError`.
+          stagger: end the first episode of each row after a random number of steps; see
+            `limberjack.rl.streams`.
           action_repeat: control steps per action; None for that of `env`.
 
         Raises:
@@ -154,35 +150,12 @@ class BatchEnvironment(Batch):
             number is out of range. `limberjack.rl.batch_of` takes such environments too.
           MemoryError: this many rows do not fit into memory.
         """
+        how = num_envs, num_threads, seed, on_divergence, stagger, action_repeat
         try:
-            check_plain(env)
-            num_envs = guards.at_least_one("num_envs", num_envs)
-            fields = env._saved_fields()
-            check_episode_fields(env.task)
-            check_declared(env.task)
-            guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
-            is_of_the_suite = is_proved(env.task, env.physics, env._randomizer)
-            task = copy.copy(env.task) if is_of_the_suite else _copy_of(env)
-            for name, value in env._first_values().items():
-                setattr(task, name, value)
-            if getattr(task, "visualize_reward", False):
-                # The rows share the colours of materials. (Only `base.Task` has the attribute.)
-                task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]
-            threads = threads_for(num_threads, num_envs, env)
-            batch = cls(
-                env.physics.replicate(num_envs, threads, fields),
-                task,
-                *(env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence),
-                randomizer=env._randomizer,
-                pixels=env.pixels,
-                action_repeat=env.action_repeat if action_repeat is None else action_repeat,
-                stagger=stagger,
-            )
+            return cls(env, *how)
         except NotVectorised as reason:
             reason.advice = ". limberjack.rl.batch_of makes a batch of complete environments"
             raise
-        batch.name = env._name or batch.name
-        return batch
 
     def reset(
         self, ids: RowNumbers = None, seeds: Sequence[int | None] | None = None
@@ -383,10 +356,13 @@ class BatchEnvironment(Batch):
         Raises:
           ValueError, TypeError: it is not; see `limberjack.rl.batch_safety`.
         """
-        task, replicas = self._task, self._replicas
+        single = self._replicas.single
+        with self._memory.of_row(0, single, "check_task"):
+            self._check_task(bounded_spec(self._task, single))
+
+    def _check_task(self, spec: specs.BoundedArray) -> None:
         how = self._n_sub_steps, self._saved_fields, self._randomizer
-        with self._memory.of_row(0, replicas.single, "check_task"):
-            check_batch_safe(task, replicas, bounded_spec(task, replicas.single), *how)
+        check_batch_safe(self._task, self._replicas, spec, *how)
 
     def keep_as_first(self, name: str) -> None:
         """Makes a reset with a seed put back the present values of a declared attribute."""
@@ -604,11 +580,22 @@ class BatchEnvironment(Batch):
             raise ValueError(f"get_observation of task {task} lacks {missing}, unlike before")
 
 
-def _copy_of(env: control.Environment) -> Task:
-    """A deep copy of an environment's task, which does not hold a copy of the physics."""
-    try:
-        check_copies(env, is_vectorised=True)
-    except TypeError as error:
-        raise NotVectorised(str(error)) from error
+def _task_of(env: control.Environment, proved: bool) -> Task:
+    """The task of all rows, as before its first episode; a copy without a copy of the physics.
+
+    Raises:
+      NotVectorised: it cannot be copied.
+    """
     memo: dict[int, object] = {id(env): env, id(env.physics): env.physics}
-    return copy.deepcopy(env.task, memo)
+    if not proved:
+        try:
+            check_copies(env, is_vectorised=True)
+        except TypeError as error:
+            raise NotVectorised(str(error)) from error
+    task = copy.copy(env.task) if proved else copy.deepcopy(env.task, memo)
+    for name, value in env._first_values().items():
+        setattr(task, name, value)
+    if getattr(task, "visualize_reward", False):
+        # The rows share the colours of materials. (Only `base.Task` has the attribute.)
+        task.visualize_reward = False
+    return task

@@ -46,7 +46,7 @@ from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
-from limberjack.rl.randomize import Draw, Randomizer, fields_per_episode, stream_beside
+from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
@@ -286,8 +286,8 @@ class Environment(dm_env.Environment):
             spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
             # An observation is computed only for its form: the task must not remember it.
-            with stand_in(self._task, self._physics) as task:
-                spec = specs_of(self._seen_by(task))
+            with stand_in(self._task, self._physics):
+                spec = specs_of(self._seen())
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
@@ -488,8 +488,8 @@ class Environment(dm_env.Environment):
 
     def present_observation(self) -> Mapping[str, Quantity]:
         """The observation of the present state, computed again without a trace in the task."""
-        with stand_in(self._task, self._physics) as task:
-            observation = self._seen_by(task)
+        with stand_in(self._task, self._physics):
+            observation = self._seen()
         if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation, is_step=False)
@@ -530,8 +530,9 @@ class Environment(dm_env.Environment):
         vars(self).update(state)
         if isinstance(exact, tuple):
             kind, described = exact
-            self._physics = kind.__new__(kind)
-            self._physics.become(described)
+            physics = kind.__new__(kind)
+            physics.become(described)
+            self._physics = physics
 
     def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
@@ -549,7 +550,8 @@ class Environment(dm_env.Environment):
 
     def _saved_fields(self) -> tuple[str, ...]:
         """Model fields set per episode."""
-        return fields_per_episode(self._task, self._randomizer)
+        randomized = self._randomizer.fields if self._randomizer is not None else ()
+        return (*getattr(self._task, "EPISODE_FIELDS", ()), *randomized)
 
     def _draw_stream(self) -> np.random.RandomState:
         """The stream from which model fields are drawn; replaced when the task's stream is."""
@@ -571,14 +573,14 @@ class Environment(dm_env.Environment):
 
     def _observe(self) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
-        observation = self._seen_by(self._task)
+        observation = self._seen()
         if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation)
 
-    def _seen_by(self, task: Task) -> Mapping[str, Quantity]:
-        """The observation of a task, without pictures."""
-        observation = task.get_observation(self._physics)
+    def _seen(self) -> Mapping[str, Quantity]:
+        """The task's observation, without pictures."""
+        observation = self._task.get_observation(self._physics)
         return flatten_observation(observation) if self._flat_observation else observation
 
     def _check_action(self, action: object) -> None:

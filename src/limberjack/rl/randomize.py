@@ -19,15 +19,7 @@ from numpy.typing import ArrayLike
 
 from limberjack.rl.contract import SimulatedPhysics
 
-__all__ = [
-    "Draw",
-    "Randomizer",
-    "fields_per_episode",
-    "scale",
-    "shift",
-    "show_drawn",
-    "stream_beside",
-]
+__all__ = ["Draw", "Randomizer", "scale", "shift", "show_drawn", "stream_beside"]
 
 Draw = Callable[[np.random.RandomState, np.ndarray], ArrayLike]
 
@@ -105,12 +97,6 @@ class Randomizer:
                 )
             drawn[name] = values
         return drawn
-
-
-def fields_per_episode(task: object, randomizer: Randomizer | None) -> tuple[str, ...]:
-    """The model fields that are set at the start of each episode, by the task or at random."""
-    randomized = randomizer.fields if randomizer is not None else ()
-    return (*getattr(task, "EPISODE_FIELDS", ()), *randomized)
 
 
 def show_drawn(

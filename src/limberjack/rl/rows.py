@@ -24,7 +24,6 @@ to the row of a batch.
 
 import collections
 import copy
-import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
@@ -213,23 +212,31 @@ class RowsEnvironment(Batch):
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
             self._has_ended[rows] = False
             by_row = dict(zip(rows.tolist(), seeds or [None] * len(rows), strict=True))
-            found = RowStep(self._empty(), self._observation)
 
-            def begin(row: int) -> None:
+            def begin(row: int) -> dm_env.TimeStep:
                 seed = by_row[row]
                 if seed is not None:
                     self._seed(row, seed)
                 self._set_limit_of_next(row)
-                found.take(row, self._rows[row].environment.reset(), self._rows[row].plain)
+                return self._rows[row].environment.reset()
 
-            self._raise(self._each(begin, rows.tolist()))
-            for name, values in found.observation.items():
-                self._observation[name][rows] = values[rows]
+            self._take_starts(begin, rows)
             self._steps[rows] = 0
             self._begins[rows] = False
             self._timed_out[rows] = False
             self.diverged[rows] = False
         return self._present()
+
+    def _take_starts(self, start: Callable[[int], dm_env.TimeStep], rows: np.ndarray) -> None:
+        """Takes the observations of the first time steps that `start(row)` returns."""
+        found = RowStep(self._empty(), self._observation)
+
+        def take(row: int) -> None:
+            found.take(row, start(row), self._rows[row].plain)
+
+        self._raise(self._each(take, rows.tolist()))
+        for name, values in found.observation.items():
+            self._observation[name][rows] = values[rows]
 
     def _present(self) -> dm_env.TimeStep:
         """The time step of a reset: FIRST for rows that have begun, MID for others."""
@@ -313,20 +320,9 @@ class RowsEnvironment(Batch):
     def _step_row(self, row: int, action: np.ndarray, found: RowStep) -> None:
         """Steps a row in mid-episode, as often as an action is repeated."""
         env, plain = self._rows[row].environment, self._rows[row].plain
-        if plain is not None:  # it repeats and counts by itself
-            before = plain._step_count
-            try:
-                time_step = plain.step(action)
-            except PhysicsError as error:
-                found.error = error
-                found.end_diverged(row, plain, before)
-                return
-            found.take(row, time_step, plain)
-            found.steps[row] = plain._step_count - before
-            return
-        repeat = self._action_repeat
-        inner = control_of(env)
-        before = getattr(inner, "_step_count", 0)
+        repeat = self._action_repeat if plain is None else 1  # which it repeats by itself
+        inner = plain or control_of(env)
+        before: int = getattr(inner, "_step_count", 0)
         terms: collections.Counter[str] = collections.Counter()
         if repeat > 1:
             self._summed_terms[row] = terms
@@ -335,9 +331,12 @@ class RowsEnvironment(Batch):
                 time_step = env.step(action)
             except PhysicsError as error:
                 found.error = error
-                found.diverge(row)
+                if plain is None:
+                    found.diverge(row)
+                else:
+                    found.end_diverged(row, plain, before)
                 return
-            found.take(row, time_step, None)
+            found.take(row, time_step, plain)
             if repeat > 1:
                 terms.update(getattr(env, "reward_terms", {}))
             if isinstance(inner, Environment):
@@ -354,12 +353,30 @@ class RowsEnvironment(Batch):
         # Plain environments as `control.Environment.snapshot` does; others, and any that edit their
         # models, as copies.
         numbers = self._numbers(rows)
+        chosen = numbers.tolist() or [0]
         with self._use:
-            joined = self._joined(numbers)
-            if self._stagger is None:
-                return joined
-            limits = self._stagger.with_limits(self._limits, numbers)
-            return dataclasses.replace(joined, limits=limits)
+            as_copies = self._edits_models or not all(self._rows[row].is_plain for row in chosen)
+            saved = [self._saved(row, as_copies) for row in chosen]
+            if any(one.origin != saved[0].origin for one in saved):
+                as_copies = True
+                saved = [self._saved(row, as_copies) for row in chosen]
+            first, saved = saved[0], saved[: len(numbers)]
+            seen = self._observation if as_copies and saved else {}
+            return Snapshot(
+                first.origin,
+                _stacked([one.physics for one in saved], first.physics),
+                self._steps[numbers],
+                self._begins[numbers],
+                [one.streams[0] for one in saved],
+                _stacked([one.frames for one in saved], first.frames),
+                self.registration,
+                self.name,
+                [one.memory[0] for one in saved] if first.memory else [],
+                [one.copies[0] for one in saved] if as_copies else [],
+                {name: values[numbers] for name, values in seen.items()},
+                self._begins[numbers] & ~self._has_ended[numbers],
+                self._stagger and self._stagger.with_limits(self._limits, numbers),
+            )
 
     def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
         """See `Batch`."""
@@ -391,17 +408,13 @@ class RowsEnvironment(Batch):
         return {name: np.stack(values) for name, values in found.items()}
 
     def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
-        found = RowStep(self._empty(), self._observation)
         index = {row: i for i, row in enumerate(rows.tolist())}
 
-        def start(row: int) -> None:
+        def start(row: int) -> dm_env.TimeStep:
             state = {name: values[index[row]] for name, values in states.items()}
-            time_step = settable(self._rows[row].environment).set_state(state)
-            found.take(row, time_step, self._rows[row].plain)
+            return settable(self._rows[row].environment).set_state(state)
 
-        self._raise(self._each(start, rows.tolist()))
-        for name, values in found.observation.items():
-            self._observation[name][rows] = values[rows]
+        self._take_starts(start, rows)
         return self._present()
 
     def state_sizes(self) -> dict[str, int]:
@@ -544,6 +557,7 @@ class RowsEnvironment(Batch):
     def call(self, name: str, *args: object, **kwargs: object) -> list[object]:
         """The results of a method, or the values of an attribute, of each row's environment."""
         with self._use:
+            # Any: of the rows' own classes.
             found: list[Any] = self.get_attr(name)
             return [one(*args, **kwargs) if callable(one) else one for one in found]
 
@@ -591,32 +605,6 @@ class RowsEnvironment(Batch):
         inner = control_of(self._rows[row].environment)
         if isinstance(inner, Environment) and inner._step_limit != limit:
             inner._step_limit = limit
-
-    def _joined(self, numbers: np.ndarray) -> Snapshot:
-        """One snapshot of several rows."""
-        rows = numbers.tolist()
-        as_copies = self._edits_models or not all(self._rows[row].is_plain for row in rows or [0])
-        saved = [self._saved(row, as_copies) for row in rows or [0]]
-        if any(one.origin != saved[0].origin for one in saved):
-            as_copies = True
-            saved = [self._saved(row, as_copies) for row in rows]
-        first = saved[0]
-        saved = saved[: len(rows)]
-        observations = {name: values[numbers] for name, values in self._observation.items()}
-        return Snapshot(
-            first.origin,
-            {n: _stacked([one.physics[n] for one in saved], v) for n, v in first.physics.items()},
-            self._steps[numbers],
-            self._begins[numbers],
-            [one.streams[0] for one in saved],
-            {n: _stacked([one.frames[n] for one in saved], v) for n, v in first.frames.items()},
-            self.registration,
-            self.name,
-            [one.memory[0] for one in saved] if first.memory else [],
-            [one.copies[0] for one in saved] if as_copies else [],
-            observations if as_copies and rows else {},
-            self._begins[numbers] & ~self._has_ended[numbers],
-        )
 
     def _saved(self, row: int, as_copy: bool) -> Snapshot:
         env, plain = self._rows[row].environment, self._rows[row].plain
@@ -735,5 +723,8 @@ def _checked_contexts(
     return list(contexts)
 
 
-def _stacked(parts: Sequence[np.ndarray], like: np.ndarray) -> np.ndarray:
-    return np.concatenate(parts) if parts else like[:0]
+def _stacked(
+    parts: Sequence[Mapping[str, np.ndarray]], like: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    none = {name: values[:0] for name, values in like.items()}
+    return {n: np.concatenate([none[n], *(one[n] for one in parts)]) for n in like}
