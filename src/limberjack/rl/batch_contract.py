@@ -52,10 +52,12 @@ class Batch(abc.ABC):
       diverged: mask of rows that diverged in the last step, (num_envs,).
     """
 
+    num_envs: int
     first_row = 0
     name: str
     registration: object = None
     why_rows: str | None = None
+    diverged: np.ndarray
     _action_spec: specs.BoundedArray
     _steps: np.ndarray  # of each row's episode, (num_envs,)
 
