@@ -32,79 +32,59 @@ from limberjack.gym.vector import VectorEnv, load_vector
 from limberjack.rl.copies import difference
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 
-__all__ = [
-    "UNLIMITED",
-    "asks_for_a_time_limit",
-    "limit_of_batch",
-    "limit_of_single",
-    "make",
-    "make_vector",
-    "restore",
-    "spec_of",
-]
+__all__ = ["make", "make_vector", "restore", "spec_of"]
 
-UNLIMITED = -1  # Gymnasium's `max_episode_steps` for no limit
+_UNLIMITED = -1  # Gymnasium's `max_episode_steps` for no limit
 
 
-def asks_for_a_time_limit(kwargs: Mapping[str, object]) -> bool:
+def _asks_for_a_time_limit(kwargs: Mapping[str, object]) -> bool:
     """Whether the arguments of an environment set a time limit."""
     of_task = kwargs.get("task_kwargs")
     beside = isinstance(of_task, Mapping) and of_task.get("time_limit") is not None
     return kwargs.get("time_limit") is not None or beside
 
 
-def limit_of_single(name: str, length: int, own: float, is_asked_for: bool) -> float:
-    """The limit, in steps, of a single environment inside Gymnasium's `TimeLimit`.
+def _limit(
+    name: str,
+    length: int | None,
+    most: int | None,
+    own: float,
+    is_asked_for: bool,
+    make: str,
+) -> float:
+    """The number of actions of an episode of an environment that Gymnasium makes.
 
     Args:
       name: of the task, for messages.
-      length: of the id, in steps, which `TimeLimit` counts unless the caller gives another number.
+      length: of the id; None for an id without a length.
+      most: the number after which Gymnasium ends episodes: the caller's, or the id's; None for an
+        id without one.
       own: the environment's limit as it was loaded.
       is_asked_for: whether the caller gave a time limit.
-
-    Raises:
-      ValueError: `TimeLimit` would end the episode earlier.
-    """
-    if is_asked_for:
-        if own > length:
-            raise ValueError(
-                f"time_limit makes episodes of {_steps(own)}, and Gymnasium ends those of {name} "
-                f"after {length}: give {_maximum(own)} to gymnasium.make instead"
-            )
-        return own
-    _check_control_step(name, length, own)
-    return math.inf
-
-
-def limit_of_batch(
-    name: str, length: int | None, most: int | None, own: float, is_asked_for: bool
-) -> float:
-    """The limit, in steps, of the rows of a batch that `gymnasium.make_vec` makes.
-
-    Args:
-      name: of the task, for messages.
-      length: of the id, in steps; None for an id without a length.
-      most: `max_episode_steps` as Gymnasium passes it on: the caller's, or the id's.
-      own: the batch's limit as it was loaded.
-      is_asked_for: whether the caller gave a time limit.
+      make: Gymnasium's function.
 
     Raises:
       TypeError: `most` is not a whole number.
-      ValueError: `most` is out of range, or less than the time limit.
+      ValueError: `most` is out of range, or less than the time limit; or changed control steps give
+        episodes another length than the id's.
     """
     if most is None:
         return own
     most = _checked(most)
     if is_asked_for:
-        if most != UNLIMITED and own > most:
+        if most != _UNLIMITED and own > most:
             raise ValueError(
-                f"time_limit makes episodes of {_steps(own)}, and max_episode_steps={most} ends "
-                f"those of {name} earlier: give {_maximum(own)} to gymnasium.make_vec instead"
+                f"time_limit makes episodes of {_steps(own)}, and Gymnasium ends those of {name} "
+                f"after {most}: give {_maximum(own)} to {make} instead"
             )
         return own
-    if length is not None and most == length:
-        _check_control_step(name, length, own)
-    return math.inf if most == UNLIMITED else most
+    if most == length and (math.isinf(own) or math.ceil(own) != length):
+        raise ValueError(
+            f"with these arguments episodes of {name} have {_steps(own)}, and Gymnasium ends them "
+            f"after {length}: make the environment with limberjack.gym.load or load_vector, which "
+            "count by themselves"
+        )
+    return math.inf if most == _UNLIMITED else most
 
 
 def restore(env: gymnasium.Env, snapshot: Snapshot) -> None:
@@ -138,16 +118,6 @@ def _time_limits(env: gymnasium.Env) -> list[TimeLimit]:
     return found
 
 
-def _check_control_step(name: str, length: int, own: float) -> None:
-    """Raise ValueError if a changed control step gives episodes another length than the id's."""
-    if math.isinf(own) or math.ceil(own) != length:
-        raise ValueError(
-            f"with these arguments episodes of {name} have {_steps(own)}, and Gymnasium ends them "
-            f"after {length}: make the environment with limberjack.gym.load or load_vector, which "
-            "count by themselves"
-        )
-
-
 def _checked(most: int) -> int:
     try:
         number = operator.index(most)
@@ -155,9 +125,9 @@ def _checked(most: int) -> int:
         number = None
     if number is None or isinstance(most, bool):
         raise TypeError(f"max_episode_steps is {most!r}; expected a whole number")
-    if number != UNLIMITED and number < 1:
+    if number != _UNLIMITED and number < 1:
         raise ValueError(
-            f"max_episode_steps is {number}; expected at least 1, or {UNLIMITED} for no limit"
+            f"max_episode_steps is {number}; expected at least 1, or {_UNLIMITED} for no limit"
         )
     return number
 
@@ -167,7 +137,7 @@ def _steps(limit: float) -> str:
 
 
 def _maximum(limit: float) -> str:
-    return f"max_episode_steps={math.ceil(limit) if math.isfinite(limit) else UNLIMITED}"
+    return f"max_episode_steps={math.ceil(limit) if math.isfinite(limit) else _UNLIMITED}"
 
 
 def spec_of(domain: str, task: str, steps: int | None = None, **kwargs: object) -> EnvSpec:
@@ -218,13 +188,15 @@ def make(
         return env
     environment = env._played
     repeat = environment.action_repeat
-    is_asked_for = asks_for_a_time_limit(kwargs)
+    is_asked_for = _asks_for_a_time_limit(kwargs)
     may_repeat = repeat != 1 or difference(env.environment) is not None  # as a wrapper does
     if may_repeat and not is_asked_for and environment.step_limit == length:
         # The id's length is in control steps, of which the last action may have fewer.
         env._length, is_asked_for = length, True
     own = environment._step_limit / repeat
-    limit = limit_of_single(f"{domain}:{task}", length, own, is_asked_for)
+    limit = _limit(f"{domain}:{task}", length, length, own, is_asked_for, "gymnasium.make")
+    if not is_asked_for:
+        limit = math.inf  # `TimeLimit` counts instead
     if limit != own:
         environment._step_limit = limit
     env._is_counted_outside = True
@@ -264,13 +236,15 @@ def make_vector(
         suite.require(domain, module)
     envs = load_vector(domain, task, num_envs, **kwargs)
     length = registry.steps(domain, task) if module is None else steps
-    is_asked_for = asks_for_a_time_limit(kwargs)
+    is_asked_for = _asks_for_a_time_limit(kwargs)
     for batch in envs.batches:
         repeat = batch.action_repeat
         if repeat != 1 and max_episode_steps == length and not is_asked_for:
             continue  # the id's length is in control steps, as is the batch's limit
         own = batch.step_limit / repeat
-        limit = limit_of_batch(f"{domain}:{task}", length, max_episode_steps, own, is_asked_for)
+        name = f"{domain}:{task}"
+        how = own, is_asked_for, "gymnasium.make_vec"
+        limit = _limit(name, length, max_episode_steps, *how)
         if limit != own:
             batch.step_limit = limit * repeat
     return envs

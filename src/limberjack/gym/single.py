@@ -29,7 +29,6 @@ from limberjack.rl.builds import Build, Make, Seeded, numbers_of, physics_of
 from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, copied
-from limberjack.rl.guards import at_least_one
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description
 from limberjack.rl.row_trial import Form
@@ -49,24 +48,6 @@ _T = TypeVar("_T")
 
 class _Row(RowsEnvironment):
     """The one row, whose errors are raised as its environment raises them."""
-
-    @property
-    def seeded(self) -> Seeded:
-        """The environment, which can begin any seed."""
-        return self._rows[0]
-
-    @property
-    def step_count(self) -> int:
-        """Control steps since the episode began."""
-        return int(self._steps[0])
-
-    def single_observation_spec(self) -> Mapping[str, specs.Array]:
-        """The specs of the row's observations."""
-        return self._form.observation_spec
-
-    def repeat(self, action_repeat: int) -> None:
-        """Sets the number of control steps per action, which others may set in the environment."""
-        self._action_repeat = action_repeat
 
     def reseed(self, seed: int, keeps_model: bool) -> None:
         """Makes the next episode the first one of a seed; see `Seeded.begin`."""
@@ -109,9 +90,9 @@ class Single:
         """
         seeded = _seeded(given)
         env = seeded.environment
-        form = Form.of(env, type(env).__name__)
+        self._form = form = Form.of(env, type(env).__name__)
         repeat = form.action_repeat if action_repeat is None else action_repeat
-        self._row = _Row.of_one(seeded, form, at_least_one("action_repeat", repeat))
+        self._row, self._seeded = _Row.of_one(seeded, form, repeat), seeded
         # An environment that was given and has begun no episode is seeded in place.
         self._is_new = isinstance(given, dm_env.Environment) and seeded.is_plain
         # Whether the task edits the model, which a seed undoes; a caller's edits stay.
@@ -125,7 +106,7 @@ class Single:
     @property
     def environment(self) -> dm_env.Environment:
         """The environment; a reset with a seed, or a snapshot, may replace it."""
-        return self._row.seeded.environment
+        return self._seeded.environment
 
     @property
     def physics(self) -> object:
@@ -151,7 +132,7 @@ class Single:
         if self._is_new and plain is not None:
             plain.reseed(seed)
         else:
-            self._row.repeat(self.action_repeat)
+            self._row._action_repeat = self.action_repeat
             self._row.reseed(seed, keeps_model=not self._edits_model)
         self._seed = seed
 
@@ -195,7 +176,7 @@ class Single:
         """
         plain = self._plain
         if plain is not None:
-            self._row.repeat(plain.action_repeat)
+            self._row._action_repeat = plain.action_repeat
             time_step = plain.set_state(state)
             self._row.set_up()
             return time_step
@@ -241,13 +222,13 @@ class Single:
         if plain is None:
             self._row.restore(snapshot)
             return
-        self._row.repeat(plain.action_repeat)
+        self._row._action_repeat = plain.action_repeat
         plain.restore(snapshot)
         self._row.set_up()
 
     def set_attribute(self, name: str, value: object) -> None:
         """Sets an attribute of the environment or its task, and of those made for later seeds."""
-        self._row.repeat(self.action_repeat)
+        self._row._action_repeat = self.action_repeat
         self._row.set_attr(name, [value])
 
     def action_spec(self) -> specs.BoundedArray:
@@ -256,7 +237,7 @@ class Single:
 
     def observation_spec(self) -> Mapping[str, specs.Array]:
         """The specs of observations by name."""
-        return self._row.single_observation_spec()
+        return self._form.observation_spec
 
     def control_timestep(self) -> float:
         """Time of a control step, seconds; NaN for an environment that does not report it."""
@@ -308,7 +289,7 @@ class Single:
     def _step_count(self) -> int:
         """Control steps since the episode began."""
         plain = self._plain
-        return self._row.step_count if plain is None else plain._step_count
+        return int(self._row._steps[0]) if plain is None else plain._step_count
 
     @property
     def _step_limit(self) -> float:
@@ -338,7 +319,7 @@ class Single:
     @property
     def _plain(self) -> Environment | None:
         """The environment, if it is plain."""
-        return self._row.seeded.plain
+        return self._seeded.plain
 
     def _watched(self, plain: Environment, call: Callable[[], _T]) -> _T:
         """The result of a call of a plain environment, whose task may edit the model."""
@@ -369,7 +350,7 @@ class Single:
         for label in watch.changed():
             name = label.removeprefix("self.")
             if hasattr(plain.task, name):
-                self._row.seeded.set_attribute(name, getattr(plain.task, name))
+                self._seeded.set_attribute(name, getattr(plain.task, name))
         watch.look()
 
 

@@ -55,7 +55,8 @@ def bounded_spec(task: Task, physics: Physics) -> specs.BoundedArray:
             "batches, Gymnasium and the policies 'random' and 'zero' rely on"
         )
     if _maps_actions(task):
-        problem = _problem(task, physics, spec)
+        with put_back_after():
+            problem = _problem(spec, _effect(task, physics))
         if problem:
             raise ValueError(
                 f"task {name} defines before_step but not action_spec, and {problem}; define "
@@ -111,13 +112,8 @@ def _maps_actions(task: Task) -> bool:
     return first["before_step"] < first["action_spec"]
 
 
-def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | None:
+def _problem(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:
     """The problem with actions of the spec, as part of a sentence; None if there is none."""
-    with put_back_after():
-        return _problem_of(spec, _effect(task, physics))
-
-
-def _problem_of(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:
     low, high = bounds_to_try(spec)
     action = (0.6 * low + 0.4 * high).astype(spec.dtype)
     shape = f"an action of the inherited spec, {spec.shape},"

@@ -143,10 +143,36 @@ class Snapshot:
           step_limit: steps per episode.
         """
         self.check(own.origin, size)
-        self.check_copies(is_plain=not own.copies)
+        if own.copies and not self.copies:
+            raise ValueError(
+                "the snapshot holds states of plain environments; expected copies of environments, "
+                "as in a snapshot of this environment; nothing was restored"
+            )
+        for name, given in (("memory", self.memory), ("copies", self.copies)):
+            if len(given) not in (0, size):
+                raise ValueError(
+                    f"the snapshot holds {len(given)} {name} for {size} environments; nothing was "
+                    "restored"
+                )
+        for one in self.copies:
+            if _class_of(one) != self.origin["environment"]:
+                raise ValueError(
+                    f"the snapshot holds a copy of a {_class_of(one)}; expected a "
+                    f"{self.origin['environment']}; nothing was restored"
+                )
+        self._check_counters()
         if not self.copies:
-            self.check_arrays(own.physics, own.frames, len(own.streams[0]))
-        self.check_length(step_limit)
+            _check_form(self.physics, own.physics, size)
+            if own.frames:  # pictures are ignored if the environment does not observe any
+                _check_form(self.frames, own.frames, size)
+            for row, states in enumerate(self.streams):
+                _check_streams(row, states, len(own.streams[0]))
+        running = self.step_count[~self.begins]
+        if (running >= step_limit).any():
+            raise ValueError(
+                f"the snapshot is of step {running.max()} of an episode, and episodes end after "
+                f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
+            )
 
     def check(self, origin: dict[str, object], size: int) -> None:
         """Raises ValueError if the task, model, version or number of environments differs."""
@@ -187,50 +213,6 @@ class Snapshot:
                 "the same number of rows"
             )
 
-    def check_copies(self, is_plain: bool) -> None:
-        """Raises ValueError if this holds states that a restored environment cannot take.
-
-        Args:
-          is_plain: whether the environment has no methods or attributes of its own; any other can
-            only be replaced by a copy.
-        """
-        if not self.copies and not is_plain:
-            raise ValueError(
-                "the snapshot holds states of plain environments; expected copies of environments, "
-                "as in a snapshot of this environment; nothing was restored"
-            )
-        for name, given in (("memory", self.memory), ("copies", self.copies)):
-            if len(given) not in (0, len(self)):
-                raise ValueError(
-                    f"the snapshot holds {len(given)} {name} for {len(self)} environments; "
-                    "nothing was restored"
-                )
-        for one in self.copies:
-            if _class_of(one) != self.origin["environment"]:
-                raise ValueError(
-                    f"the snapshot holds a copy of a {_class_of(one)}; expected a "
-                    f"{self.origin['environment']}; nothing was restored"
-                )
-        self._check_counters()
-
-    def check_arrays(
-        self, physics: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], streams: int
-    ) -> None:
-        """Raises ValueError unless all arrays and streams can be restored.
-
-        Args:
-          physics: arrays saved by an environment of this kind, (n, ...) each, for any n.
-          frames: stacks of pictures saved by such an environment.
-          streams: number of random streams per environment.
-        """
-        size = len(self)
-        _check_form(self.physics, physics, size)
-        if frames:  # pictures are ignored if the environment does not observe any
-            _check_form(self.frames, frames, size)
-        self._check_counters()
-        for row, states in enumerate(self.streams):
-            _check_streams(row, states, streams)
-
     def _check_counters(self) -> None:
         counters = {"step_count": self.step_count, "begins": self.begins}
         form = {"step_count": np.zeros(1, int), "begins": np.zeros(1, bool)}
@@ -242,15 +224,6 @@ class Snapshot:
             )
         if self.limits is not None:
             _check_form({"limits": self.limits}, {"limits": np.zeros((1, 2))}, len(self))
-
-    def check_length(self, step_limit: float) -> None:
-        """Raises ValueError if an unfinished episode has reached the step limit."""
-        running = self.step_count[~self.begins]
-        if (running >= step_limit).any():
-            raise ValueError(
-                f"the snapshot is of step {running.max()} of an episode, and episodes end after "
-                f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
-            )
 
 
 def _class_of(env: object) -> str:
