@@ -53,6 +53,7 @@ from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.pixels import Pixels
+from limberjack.rl.randomize import show_drawn
 from limberjack.rl.row_step import RowStep, as_mapping, step_in_phases
 from limberjack.rl.row_trial import Form, Trial, model_of, noted
 from limberjack.rl.snapshot import Snapshot, as_snapshot
@@ -114,14 +115,13 @@ class RowsEnvironment(Batch):
         self.why_rows = why_rows
         self._build = Build.of(build)
         contexts = _checked_contexts(contexts, num_envs, self._build)
-        threads = _threads(num_threads, num_envs)
         # It checks the memory, before any is taken.
         trial = Trial(self._build, first, contexts[0] if contexts else {}, num_envs)
         repeat = trial.form.action_repeat if action_repeat is None else action_repeat
         super().__init__(num_envs, first, on_divergence, repeat, stagger)
         of_rows = contexts or [{}] * self.num_envs
         self.draws_globally: str | None = trial.draws_globally
-        self._set_form(trial.form, self._threads_for(threads))
+        self._set_form(trial.form, self._threads_for(num_threads))
         # With contexts, each row is made again for another seed, since models may depend on both.
         stable = not any(of_rows) and is_stable(self._build, first)
         self._make_rows(trial, of_rows, first, stable)
@@ -152,10 +152,15 @@ class RowsEnvironment(Batch):
         self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
         self._rows: list[Seeded] = []
 
-    def _threads_for(self, num_threads: int) -> int:
-        """The number of threads; one for environments that draw from a stream that they share."""
+    def _threads_for(self, num_threads: int | None) -> int:
+        """The user's number of threads, or as many as there are cores, at most the rows.
+
+        One for environments that draw from a stream that they share.
+        """
+        given = usable_cores() if num_threads is None else num_threads
+        threads = min(guards.at_least_one("num_threads", given), self.num_envs)
         if self.draws_globally is None:
-            return num_threads
+            return threads
         log.info(
             "%s draws from %s, which all rows share: they are stepped on one thread, in order",
             self._build.name,
@@ -398,14 +403,12 @@ class RowsEnvironment(Batch):
 
     def episode_fields(self) -> dict[str, np.ndarray]:
         """See `Batch`."""
-        found: dict[str, list[np.ndarray]] = {}
-        for env in self.environments:
-            inner = _inside(env)
+        found: dict[str, np.ndarray] = {}
+        for row, inner in enumerate(map(_inside, self.environments)):
             names = inner._saved_fields()
             saved = inner._simulated.simulation.save(None, names)
-            for name in names:
-                found.setdefault(name, []).append(saved[name][0])
-        return {name: np.stack(values) for name, values in found.items()}
+            show_drawn(found, {name: saved[name][0] for name in names}, row, self.num_envs)
+        return found
 
     def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
         index = {row: i for i, row in enumerate(rows.tolist())}
@@ -499,12 +502,9 @@ class RowsEnvironment(Batch):
     @property
     def randomization(self) -> dict[str, np.ndarray]:
         """See `Batch`."""
-        of_rows = [getattr(env, "randomization", {}) for env in self.environments]
         shown: dict[str, np.ndarray] = {}
-        for row, drawn in enumerate(of_rows):
-            for name, value in drawn.items():
-                empty = np.zeros((self.num_envs, *value.shape), value.dtype)
-                shown.setdefault(name, empty)[row] = value
+        for row, env in enumerate(self.environments):
+            show_drawn(shown, getattr(env, "randomization", {}), row, self.num_envs)
         return shown
 
     @property
@@ -665,12 +665,6 @@ class RowsEnvironment(Batch):
 
     def _shown(self, observation: dict[str, np.ndarray]) -> MutableMapping[str, np.ndarray]:
         return collections.OrderedDict(observation)
-
-
-def _threads(num_threads: int | None, num_envs: int) -> int:
-    """The number of threads: the user's choice, or as many as there are cores, at most the rows."""
-    given = usable_cores() if num_threads is None else num_threads
-    return min(guards.at_least_one("num_threads", given), num_envs)
 
 
 def _in_parts(seeded: Seeded) -> Environment | None:
