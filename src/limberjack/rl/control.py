@@ -245,10 +245,10 @@ class Environment(dm_env.Environment):
 
         Rewards and their terms are summed over the steps of a repeated action.
         """
-        physics, task, repeat = self._physics, self._task, self._action_repeat
+        physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
-        if repeat != 1:
+        if self._action_repeat != 1:
             reward = self._reward_so_far = self._reward_so_far + reward
             sums, self._last_terms = self.reward_terms, terms
             terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
@@ -261,12 +261,10 @@ class Environment(dm_env.Environment):
             self._keep_own()
         # None or NaN: the episode continues.
         is_last = ending is not None and not np.all(ending != ending)
-        if not is_last and number + 1 < repeat:
+        if not is_last and number + 1 < self._action_repeat:
             return None
-        if self._flat_observation:
-            observation = flatten_observation(observation)
-        if self._frames is not None:
-            observation = self._frames.observe(self._simulated, observation)
+        if self._flat_observation or self._frames is not None:
+            observation = self._in_form(observation)
         if is_last:
             return dm_env.TimeStep(_LAST, reward, ending, observation)
         self._reset_next_step = False
@@ -573,7 +571,11 @@ class Environment(dm_env.Environment):
 
     def _observe(self) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
-        observation = self._seen()
+        return self._in_form(self._task.get_observation(self._physics))
+
+    def _in_form(self, state: Mapping[str, Quantity]) -> Mapping[str, Quantity]:
+        """The task's observation, flat if wanted, and with a new picture."""
+        observation = flatten_observation(state) if self._flat_observation else state
         if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation)
