@@ -26,11 +26,11 @@ from dm_env import specs
 
 from limberjack.rl import action_specs
 from limberjack.rl.builds import Build, Make, Seeded, numbers_of, physics_of
-from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, copied
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description
+from limberjack.rl.row_step import RowStep
 from limberjack.rl.row_trial import Form
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.rl.snapshot import Snapshot
@@ -43,11 +43,30 @@ __all__ = ["Single"]
 _WATCHED_STEPS = 3  # first steps, in which edits of the model are noticed, as by a batch
 _ANY_SEED = 2**31  # below this lies the seed of an environment that is made without one
 
+_FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
 _T = TypeVar("_T")
 
 
 class _Row(RowsEnvironment):
     """The one row, whose errors are raised as its environment raises them."""
+
+    def step_one(self, action: np.ndarray) -> dm_env.TimeStep:
+        """Steps the running environment, without the costs of many rows and threads."""
+        with self._use:
+            self._begins[0], self._has_ended[0] = True, False  # until the step is complete
+            found = RowStep(self._empty(), self._observation)
+            self._step_row(0, action, found)
+            if found.error is not None:
+                raise found.error
+            kind = int(found.step_type[0])
+            self._steps[0] = 0 if kind == _FIRST else self._steps[0] + found.steps[0]
+            self._timed_out[0], self._begins[0] = found.timed_out[0], kind == _LAST
+            self._has_ended[0] = kind == _LAST and not found.cut_off[0]
+            for name, values in found.observation.items():
+                self._observation[name][0] = values[0]
+        observation = {name: values[0] for name, values in found.observation.items()}
+        reward, discount = float(found.reward[0]), float(found.discount[0])
+        return dm_env.TimeStep(dm_env.StepType(kind), reward, discount, observation)
 
     def reseed(self, seed: int, keeps_model: bool) -> None:
         """Makes the next episode the first one of a seed; see `Seeded.begin`."""
@@ -65,10 +84,6 @@ class _Row(RowsEnvironment):
     def _raise(self, errors: RowErrors) -> None:
         for _, error in errors:
             raise error
-
-    def _report_divergence(self, cause: PhysicsError | None = None) -> None:
-        assert cause is not None
-        raise cause
 
 
 class Single:
@@ -156,10 +171,11 @@ class Single:
         """
         plain = self._plain
         if plain is None:
-            numbers = action_specs.as_numbers(action)
+            # A copy, since environments may keep theirs.
+            numbers = np.array(action_specs.as_numbers(action))
             given = action_specs.in_shape(numbers, self.action_spec().shape)
             action_specs.check_finite(given)
-            return _of_one(self._row.step(given[None]), begins=False)
+            return self._row.step_one(given)
         self._keep_what_was_set()
         if not self._to_watch:
             time_step = plain.step(action)
@@ -262,10 +278,8 @@ class Single:
     @property
     def reward_terms(self) -> Mapping[str, Quantity]:
         """The terms of the last step's reward by name; empty without them."""
-        plain = self._plain
-        if plain is not None:
-            return plain.reward_terms
-        return {name: np.asarray(v)[0] for name, v in self._row.reward_terms.items()}
+        terms: Mapping[str, Quantity] = getattr(self.environment, "reward_terms", {})
+        return terms if self._plain is not None else self._row._summed_terms.get(0, terms)
 
     @property
     def success(self) -> bool | None:
@@ -277,7 +291,7 @@ class Single:
     def is_running(self) -> bool:
         """Whether an episode has begun and not ended."""
         plain = self._plain
-        return not self._row.begins[0] if plain is None else plain.is_running
+        return not self._row._begins[0] if plain is None else plain.is_running
 
     @property
     def timed_out(self) -> bool:
@@ -354,11 +368,11 @@ class Single:
         watch.look()
 
 
-def _of_one(batched: dm_env.TimeStep, begins: bool = True) -> dm_env.TimeStep:
-    """The time step of the only row of a batch, which may have begun an episode."""
+def _of_one(batched: dm_env.TimeStep) -> dm_env.TimeStep:
+    """The time step of the only row of a batch, which has begun an episode or been restored."""
     observation = {name: values[0] for name, values in batched.observation.items()}
     step_type = dm_env.StepType(int(batched.step_type[0]))
-    if begins and step_type is dm_env.StepType.FIRST:
+    if step_type is dm_env.StepType.FIRST:
         return dm_env.TimeStep(step_type, None, None, observation)
     reward, discount = float(batched.reward[0]), float(batched.discount[0])
     return dm_env.TimeStep(step_type, reward, discount, observation)
