@@ -107,26 +107,24 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("self.observation[name][shown] = values[shown]", "self.observation[name] = values"),
     ],
     "rl/row_step.py": [
-        ("self.timed_out[row] = is_one if plain is None", "self.timed_out[row] = is_one if plain"),
-        ("            values[row] = self._last[name][row]\n", "            pass\n"),
-        ("value.shape != shape or value", "value.size != values[row].size or value"),
-        ("        self.discount[row] = 0.0\n", ""),
-        ("self.reward[row] += self._n", "self.reward[row] = self._n"),
-    ],
-    "rl/row_threads.py": [
-        ("if self._process != os.getpid():  # forked", "if False:  # forked"),
-        ("context = contextvars.copy_context()", "context = contextvars.Context()"),
-        ("if first <= row < end]", "if first < row < end]"),
-        ("            self._wait()\n            raise", "            raise"),
-        ("if not isinstance(error, Exception):  #", "if isinstance(error, Exception):  #"),
-    ],
-    "rl/row_phases.py": [
         ("                    return []\n", "                    pass\n"),
         ("rows = [row for row in rows if row not in lost]", "pass"),
         ("        self.entered.append(use)  # first, for an interrupt\n", ""),
         ("        self.entered.pop()\n", ""),
         ("            self._number += 1\n", ""),
         ("                if interrupts(failed):\n                    return\n", ""),
+        ("self.timed_out[row] = is_one if plain is None", "self.timed_out[row] = is_one if plain"),
+        ("            values[row] = self._last[name][row]\n", "            pass\n"),
+        ("value.shape != shape or value", "value.size != values[row].size or value"),
+        ("        self.discount[row] = 0.0\n", ""),
+        ("self.reward[row] += self._n", "self.reward[row] = self._n"),
+    ],
+    "rl/threads.py": [
+        ("if self._process != os.getpid():  # forked", "if False:  # forked"),
+        ("context = contextvars.copy_context()", "context = contextvars.Context()"),
+        ("if first <= row < end]", "if first < row < end]"),
+        ("            self._wait()\n            raise", "            raise"),
+        ("if not isinstance(error, Exception):  #", "if isinstance(error, Exception):  #"),
     ],
     "rl/rows.py": [
         (
@@ -151,7 +149,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return _start(one) == _start(other)", "return True"),
     ],
     "rl/memory.py": [
-        ("            for name in _kept(task, physics)[key]:\n", "            for name in ():\n"),
+        ("        for name in _kept(task, physics)[key]:\n", "        for name in ():\n"),
         ("    memory = copy.deepcopy(dict(memory), _memo(task, physics))\n", ""),
         ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),
     ],
@@ -171,7 +169,15 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            twin.become(copy.deepcopy(value.__getstate__(), memo))\n", ""),
         ("name not in _NOT_BEHAVIOUR and hasattr(base, name)", "False"),
     ],
-    "rl/stagger.py": [
+    "rl/streams.py": [
+        ("simulation.set_fields(fields, row)", "simulation.set_fields(fields)"),
+        ("np.random.RandomState(0)", "task._random"),
+        (
+            "                self.beside[row] = stream_beside(self.own[row])\n",
+            "                pass\n",
+        ),
+        ("        self.beside[row] = stream_beside(stream)\n", ""),
+        ("in zip((self.own, self.beside), states", "in zip((self.beside, self.own), states"),
         ("share, self.shares[row] = self.shares[row], _FULL", "share = self.shares[row]"),
         ("else 1 + math.floor(share", "else math.floor(share"),
         ("int(position), int(_OWN)]", "int(position)]"),
@@ -196,19 +202,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        self._reset_next_step = True  # until the step is complete\n", ""),
         ("put_back(snapshot.memory[0], self._task, self._physics)", "pass"),
     ],
-    "rl/stream_fields.py": [
-        ("simulation.set_fields(fields, row)", "simulation.set_fields(fields)"),
-        ("np.random.RandomState(0)", "task._random"),
-    ],
-    "rl/streams.py": [
-        (
-            "                self.beside[row] = stream_beside(self.own[row])\n",
-            "                pass\n",
-        ),
-        ("        self.beside[row] = stream_beside(stream)\n", ""),
-        ("in zip((self.own, self.beside), states", "in zip((self.beside, self.own), states"),
-        ("        checked_seed(first + count - 1)\n", ""),
-    ],
+    "rl/guards.py": [("    checked_seed(first + count - 1)\n", "")],
     "rl/randomize.py": [
         ("shape = nominal.shape[:1] + (1,) * (nominal.ndim - 1)", "shape = nominal.shape"),
         ("draw(random, nominal.copy())", "draw(random, nominal)"),
@@ -249,7 +243,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if len(self) != size:", "if len(self) < size:"),
         ("elif found != expected and not", "elif type(found) is not type(expected) and not"),
     ],
-    "rl/actions.py": [
+    "rl/action_specs.py": [
         ('not in "fiub"', 'not in "fiubc"'),
         ("finite = np.isfinite(given)", "finite = ~np.isnan(given)"),
         ("return ~finite if", "return finite if"),
@@ -265,7 +259,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("[seeds[row] for row in np.flatnonzero(begun).tolist()]", "seeds[: begun.sum()]"),
         ('{"diverged": batch.diverged.copy(), "_div', '{"diverged": last, "_div'),
     ],
-    "gym/halves.py": [
+    "gym/vector.py": [
         ("half, future = self._sent[0]", "half, future = self._sent[-1]"),
         ("dict.fromkeys(name for part in dicts for name in part)", "list(given)"),
         ("shape = (size, *like.shape[1:])", "shape = like.shape"),

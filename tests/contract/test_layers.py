@@ -27,7 +27,6 @@ _FLOORS = {
     "limberjack.mujoco": 2,
     "limberjack.utils.inverse_kinematics": 3,  # at dm_control's path; it searches with a Physics
     "limberjack.rl.batch": 3,
-    "limberjack.rl.batch_measurements": 3,
     "limberjack.rl.batch_safety": 3,
     "limberjack.rl.batch_test_utils": 3,
     "limberjack.rl.batches": 3,
@@ -108,7 +107,7 @@ _STANDS_ALONE = (
     "limberjack.utils.xml_tools",
     "limberjack.episodes.to_minari",
     "limberjack.gallery",
-    "limberjack.gym.specs",  # of Gymnasium's own, for what converts to its formats
+    "limberjack.gym.made",  # of Gymnasium's own, for what converts to its formats
     "limberjack.gpu.speed",
     "limberjack.planner.arm.roadmap",
     "limberjack.episodes.films",

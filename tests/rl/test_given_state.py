@@ -12,7 +12,6 @@ from limberjack.rl.given_state import (
     check_snapshot,
     checked_state,
     checked_states,
-    rows_of,
     state_sizes,
 )
 from tests.representatives import REPRESENTATIVES
@@ -275,7 +274,7 @@ def test_rows_of_a_snapshot_are_a_snapshot() -> None:
     batch, other = (suite.load_batch(*_WALK, 3, seed=s) for s in (0, 10))
     batch.reset()
     batch.step(np.zeros((3, 21)))
-    taken = rows_of(batch.snapshot(), np.array([2, 0]))
+    taken = batch.snapshot().part(np.array([2, 0]))
     assert len(taken) == 2
     other.restore(taken, [0, 1])
     seen, known = other.step(np.ones((3, 21))), batch.step(np.ones((3, 21)))
@@ -296,7 +295,7 @@ def test_a_snapshot_must_be_of_running_episodes_with_valid_states() -> None:
     with pytest.raises(ValueError, match=r"no running episode in its rows \[4, 5, 6\]: take it"):
         check_snapshot(ended, good, 3, sizes, limit, named)
     with pytest.raises(ValueError, match="no running episode in it: take it"):
-        check_snapshot(rows_of(ended, np.array([0])), good, 1, sizes, limit)
+        check_snapshot(ended.part(0), good, 1, sizes, limit)
     for bad in (np.nan, 1e11):
         diverged = batch.snapshot()
         diverged.begins[:] = False

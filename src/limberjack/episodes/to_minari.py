@@ -25,8 +25,8 @@ from dm_env import specs
 
 from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.recipe import environments_of
+from limberjack.gym.made import spec_of
 from limberjack.gym.observations import Observations, action_space
-from limberjack.gym.specs import spec_of
 from limberjack.rl.action_specs import spec_of as spec_of_actions
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.row_step import as_mapping

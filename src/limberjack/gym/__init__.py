@@ -22,7 +22,7 @@ from limberjack import registry
 
 if TYPE_CHECKING:
     from limberjack.gym.env import Env, load
-    from limberjack.gym.lengths import restore
+    from limberjack.gym.made import restore
     from limberjack.gym.observations import Part
     from limberjack.gym.vector import VectorEnv, load_vector
 
@@ -34,7 +34,7 @@ _MODULES = {
     "Part": "limberjack.gym.observations",
     "VectorEnv": "limberjack.gym.vector",
     "load_vector": "limberjack.gym.vector",
-    "restore": "limberjack.gym.lengths",
+    "restore": "limberjack.gym.made",
 }
 
 

@@ -10,14 +10,15 @@ declares in EPISODE_ATTRIBUTES is separate for each row. A batch of complete env
 """
 
 import copy
+import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, TypeGuard
+from typing import Any, Protocol, TypeGuard, cast
 
 import numpy as np
 
+from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batch_contract import Batch
-from limberjack.rl.builds import holder_of
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.suggest import did_you_mean
 
@@ -126,13 +127,12 @@ def set_values(envs: Rows, name: str, values: object) -> None:
             f"all rows share the attribute {name!r}: give it where the environment is made"
         )
     parts = [given[rows] for rows in envs.halves]
-    of_environments = [batch for batch in envs.batches if _is_of_environments(batch)]
-    if len(of_environments) == len(envs.batches):
-        for batch, part in zip(of_environments, parts, strict=True):
-            # Copies, since rows must not share an array.
-            batch.set_attr(name, [copy.deepcopy(value) for value in part])
+    if not are_environments(envs):
+        _set_in_tasks(cast(Sequence[BatchEnvironment], envs.batches), name, parts)
         return
-    _set_in_tasks(envs.batches, name, parts)
+    for batch, part in zip(cast(Sequence[RowsEnvironment], envs.batches), parts, strict=True):
+        # Copies, since rows must not share an array.
+        batch.set_attr(name, [copy.deepcopy(value) for value in part])
 
 
 def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int]) -> list[object]:
@@ -144,39 +144,31 @@ def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int
     if name == "render":
         pictures = envs.render(*args, **kwargs) or [None] * envs.num_envs
         return [pictures[row] for row in rows]
-    if name == "get_wrapper_attr":
-        values = get(envs, *args, **kwargs)
-        return [values[row] for row in rows]
     if name == "has_wrapper_attr":
         return [has(envs, *args, **kwargs)] * len(rows)
+    if name == "get_wrapper_attr":
+        found = get(envs, *args, **kwargs)
+        return [found[row] for row in rows]
     if name in _COMMON:
-        values = get(envs, name)
-        return [values[row] for row in rows]
-    results: list[object] = []
-    for batch, half in zip(envs.batches, envs.halves, strict=True):
-        own = [row - half.start for row in rows if half.start <= row < half.stop]
-        if own:
-            results += _called(batch, name, args, kwargs, own)
-    return results
+        found = get(envs, name)
+    else:
+        found = [one for batch in envs.batches for one in _methods_of(batch, name)]
+    chosen = [found[row] for row in rows]
+    return [one(*args, **kwargs) if callable(one) else one for one in chosen]
 
 
-def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[int]) -> list[object]:
-    """The results of a method of some rows of one batch."""
+# Any: of a class of the user.
+def _methods_of(batch: Batch, name: str) -> list[Any]:
+    """A method of each row of one batch, or the values of an attribute."""
     if _is_of_environments(batch):
-        if rows == list(range(batch.num_envs)):
-            return batch.call(name, *args, **kwargs)
-        some = [batch.environments[row] for row in rows]
-        found = [getattr(holder_of(environment, name), name) for environment in some]
-        return [one(*args, **kwargs) if callable(one) else one for one in found]
+        return batch.get_attr(name)
     if name == "snapshot":
-        return [batch.snapshot([row], *args, **kwargs) for row in rows]
-    if name == "control_timestep":
-        return [batch.control_timestep(*args, **kwargs)] * len(rows)
-    if name == "action_spec":
-        return [batch.single_action_spec(*args, **kwargs)] * len(rows)
+        return [functools.partial(batch.snapshot, [row]) for row in range(batch.num_envs)]
+    if name in ("control_timestep", "action_spec"):
+        of_all = batch.control_timestep if name == "control_timestep" else batch.single_action_spec
+        return [of_all] * batch.num_envs
     if _knows(batch, name):
-        values = _of_batch(batch, name)
-        return [values[row] for row in rows]
+        return _of_batch(batch, name)
     known = [*_METHODS, *_names(batch)]
     raise AttributeError(
         f"the rows of a batch have no method {name!r}.{did_you_mean(name, known)} Their methods "
@@ -184,7 +176,9 @@ def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[in
     )
 
 
-def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[object]]) -> None:
+def _set_in_tasks(
+    batches: Sequence[BatchEnvironment], name: str, parts: Sequence[Sequence[object]]
+) -> None:
     """Sets an attribute of the tasks of vectorised batches, given a value for each row."""
     tasks = [_task(batch) for batch in batches]
     # A setting must be equal in all rows, also between the halves.
@@ -195,26 +189,23 @@ def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[
     ]
     specs = [_specs(batch) for batch in batches]
     kept = [dict(vars(task)) for task in tasks]
-    is_set = False
     try:
         for task, value in zip(tasks, new, strict=True):
             setattr(task, name, copy.copy(value))
-        if _are_kept(batches, specs):
-            batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
-            is_set = True
-    finally:
-        if not is_set:
-            for task, attributes in zip(tasks, kept, strict=True):
-                vars(task).clear()
-                vars(task).update(attributes)
-    if is_set and name in _memory(tasks[0]):
+        if not _are_kept(batches, specs):
+            raise ValueError(
+                f"{name!r} of the task cannot be {given[0]!r} here: that changes the observations "
+                "or actions; make another environment, with this value in task_kwargs"
+            )
+        batches[0].check_task()
+    except BaseException:
+        for task, attributes in zip(tasks, kept, strict=True):
+            vars(task).clear()
+            vars(task).update(attributes)
+        raise
+    if name in _memory(tasks[0]):
         for batch in batches:
-            batch.keep_as_first(name)  # pyright: ignore[reportAttributeAccessIssue]
-    if not is_set:
-        raise ValueError(
-            f"{name!r} of the task cannot be {given[0]!r} here: that changes the observations or "
-            "actions; make another environment, with this value in task_kwargs"
-        )
+            batch.keep_as_first(name)
 
 
 def _is_of_environments(batch: Batch) -> TypeGuard[RowsEnvironment]:

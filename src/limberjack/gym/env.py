@@ -372,7 +372,6 @@ def _time_limits_calling(env: Env) -> list[TimeLimit]:
     return found
 
 
-@arguments.suggests_names
 def load(
     domain: str,
     task: str,
@@ -382,15 +381,7 @@ def load(
     environment_kwargs: Mapping[str, object] | None = None,
     randomize: Mapping[str, object] | None = None,
     pixels: Mapping[str, object] | None = None,
-    action_repeat: int | None = None,
-    flat: bool = False,
-    dtype: npt.DTypeLike = "float64",
-    render_mode: str | None = None,
-    render_kwargs: Mapping[str, object] | None = None,
-    width: int | None = None,
-    height: int | None = None,
-    camera_id: int | Sequence[int | str] | None = None,
-    camera_name: str | Sequence[str] | None = None,
+    **kwargs: Any,  # of `Env`
 ) -> Env:
     """An environment of a task, which counts the steps of its episodes itself.
 
@@ -403,24 +394,14 @@ def load(
       randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
-      action_repeat: control steps per action, whose rewards are summed; see `suite.load`.
-      flat, dtype, render_mode, render_kwargs, width, height, camera_id, camera_name: see `Env`.
+      kwargs: action_repeat, flat, dtype, render_mode, render_kwargs, width, height, camera_id,
+        camera_name: see `Env`.
 
     Raises:
       TypeError: an argument is unknown; the message suggests the nearest name.
       ValueError: the domain or the task is unknown, or an argument is out of range.
     """
+    arguments.refuse_unknown(kwargs, Env, load)
     of_task = arguments.task_arguments(task_kwargs, time_limit)
     of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
-    return Env(
-        suite.build_of(domain, task, of_task, of_environment),
-        action_repeat=action_repeat,
-        flat=flat,
-        dtype=dtype,
-        render_mode=render_mode,
-        render_kwargs=render_kwargs,
-        width=width,
-        height=height,
-        camera_id=camera_id,
-        camera_name=camera_name,
-    )
+    return Env(suite.build_of(domain, task, of_task, of_environment), **kwargs)

@@ -7,17 +7,14 @@
     time_step = single.step(action)     # its observation is a mapping
     single.timed_out, single.reward_terms, single.success
 
-It equals one row of a `limberjack.rl.rows.RowsEnvironment`, bit for bit. A plain
-`control.Environment` is seeded in place: what its task remembers is put back, and a model that the
+It is a `limberjack.rl.rows.RowsEnvironment` of one row, except that a plain `control.Environment`
+is played itself: it is seeded in place, what its task remembers is put back, and a model that the
 task itself has edited is made again. Any other environment is made again for each seed, from
 `build`, or as a copy of the environment that was given.
 
 It does not render, and it does not stop an environment that has no time limit.
 """
 
-import collections
-import copy
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from typing import TypeVar
@@ -27,26 +24,17 @@ import numpy as np
 import numpy.typing as npt
 from dm_env import specs
 
-from limberjack.rl import actions
-from limberjack.rl.action_specs import spec_of
-from limberjack.rl.builds import (
-    Build,
-    Make,
-    Seeded,
-    numbers_of,
-    physics_of,
-    settable,
-    task_name,
-)
+from limberjack.rl import action_specs
+from limberjack.rl.builds import Build, Make, Seeded, numbers_of, physics_of
 from limberjack.rl.control import Environment
-from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
-from limberjack.rl.given_state import state_sizes
-from limberjack.rl.guards import at_least_one
+from limberjack.rl.copies import check_copies, copied
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description
-from limberjack.rl.row_step import RowStep, as_mapping
-from limberjack.rl.row_trial import control_timestep_of, observation_specs
-from limberjack.rl.snapshot import Snapshot, as_snapshot
+from limberjack.rl.row_step import RowStep
+from limberjack.rl.row_trial import Form
+from limberjack.rl.rows import RowsEnvironment
+from limberjack.rl.snapshot import Snapshot
+from limberjack.rl.threads import RowErrors
 from limberjack.rl.watch import QuickWatch
 from limberjack.utils.arrays import Quantity
 
@@ -57,6 +45,45 @@ _ANY_SEED = 2**31  # below this lies the seed of an environment that is made wit
 
 _FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
 _T = TypeVar("_T")
+
+
+class _Row(RowsEnvironment):
+    """The one row, whose errors are raised as its environment raises them."""
+
+    def step_one(self, action: np.ndarray) -> dm_env.TimeStep:
+        """Steps the running environment, without the costs of many rows and threads."""
+        with self._use:
+            self._begins[0], self._has_ended[0] = True, False  # until the step is complete
+            found = RowStep(self._empty(), self._observation)
+            self._step_row(0, action, found)
+            if found.error is not None:
+                raise found.error
+            kind = int(found.step_type[0])
+            self._steps[0] = 0 if kind == _FIRST else self._steps[0] + found.steps[0]
+            self._timed_out[0], self._begins[0] = found.timed_out[0], kind == _LAST
+            self._has_ended[0] = kind == _LAST and not found.cut_off[0]
+            for name, values in found.observation.items():
+                self._observation[name][0] = values[0]
+        observation = {name: values[0] for name, values in found.observation.items()}
+        reward, discount = float(found.reward[0]), float(found.discount[0])
+        return dm_env.TimeStep(dm_env.StepType(kind), reward, discount, observation)
+
+    def reseed(self, seed: int, keeps_model: bool) -> None:
+        """Makes the next episode the first one of a seed; see `Seeded.begin`."""
+        try:
+            self._seed(0, seed, keeps_model)
+        finally:
+            self.set_up()
+
+    def set_up(self) -> None:
+        """Gives the environment the limit, and makes a plain one repeat actions by itself."""
+        self._set_up(0)
+        if self._own_limit is not None:
+            self._set_limit(0, self._own_limit)
+
+    def _raise(self, errors: RowErrors) -> None:
+        for _, error in errors:
+            raise error
 
 
 class Single:
@@ -76,31 +103,19 @@ class Single:
           TypeError: it is neither, or its specs are of another kind than arrays.
           ValueError: see `action_specs.spec_of`.
         """
-        self._seeded = _seeded(given)
-        env = self.environment
-        self._action_spec = spec_of(env)
-        self._observation_spec = observation_specs(env, type(env).__name__)
-        inner = control_of(env)
-        self._repeat: int = getattr(inner, "action_repeat", 1)
-        if action_repeat is not None:
-            self._repeat = at_least_one("action_repeat", action_repeat)
-        self._own_limit: float | None = None  # control steps; None for the environment's own
+        seeded = _seeded(given)
+        env = seeded.environment
+        self._form = form = Form.of(env, type(env).__name__)
+        repeat = form.action_repeat if action_repeat is None else action_repeat
+        self._row, self._seeded = _Row.of_one(seeded, form, repeat), seeded
         # An environment that was given and has begun no episode is seeded in place.
-        self._is_new = isinstance(given, dm_env.Environment) and self._seeded.is_plain
+        self._is_new = isinstance(given, dm_env.Environment) and seeded.is_plain
         # Whether the task edits the model, which a seed undoes; a caller's edits stay.
         self._edits_model = False
         self._to_watch = _WATCHED_STEPS
         self._seed: int | None = None
-        # Of an environment that is not plain; a plain one reports these itself.
-        self._is_running = isinstance(inner, Environment) and inner.is_running
-        self._is_last = True
-        self._timed_out = False
-        self._steps = 0  # control steps
-        self._summed_terms: Mapping[str, float] | None = None
-        self._observation = self._empty()
         self._watched_task: object = None
         self._task_watch: QuickWatch | None = None
-        self._set_up()
         self._look()
 
     @property
@@ -132,9 +147,8 @@ class Single:
         if self._is_new and plain is not None:
             plain.reseed(seed)
         else:
-            self._repeat = self.action_repeat
-            self._seeded.begin(seed, keeps_model=not self._edits_model)
-            self._set_up()
+            self._row._action_repeat = self.action_repeat
+            self._row.reseed(seed, keeps_model=not self._edits_model)
         self._seed = seed
 
     def reset(self) -> dm_env.TimeStep:
@@ -144,11 +158,7 @@ class Single:
         plain = self._plain
         if plain is not None:
             return self._watched(plain, plain.reset)
-        self._is_running = self._is_last = False  # until it is complete
-        found = self._taken(self.environment.reset())
-        self._steps, self._timed_out = 0, False
-        self._is_running = True
-        return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, self._shown(found))
+        return _of_one(self._row.reset())
 
     def step(self, action: npt.ArrayLike) -> dm_env.TimeStep:
         """Applies an action in the middle of an episode.
@@ -161,7 +171,11 @@ class Single:
         """
         plain = self._plain
         if plain is None:
-            return self._step(self._checked(action))
+            # A copy, since environments may keep theirs.
+            numbers = np.array(action_specs.as_numbers(action))
+            given = action_specs.in_shape(numbers, self.action_spec().shape)
+            action_specs.check_finite(given)
+            return self._row.step_one(given)
         self._keep_what_was_set()
         if not self._to_watch:
             time_step = plain.step(action)
@@ -178,21 +192,14 @@ class Single:
         """
         plain = self._plain
         if plain is not None:
-            self._repeat = plain.action_repeat
+            self._row._action_repeat = plain.action_repeat
             time_step = plain.set_state(state)
-            if isinstance(state, Snapshot):
-                self._set_up()
+            self._row.set_up()
             return time_step
         if isinstance(state, Snapshot):
-            self.restore(state)
-            if self._steps:
-                return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, self._shown())
-            return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, self._shown())
-        env = settable(self.environment)
-        self._is_running = False  # until it is complete
-        found = self._taken(env.set_state(state))
-        self._is_running = True
-        return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, self._shown(found))
+            return _of_one(self._row.set_states(state))
+        one_row = {name: np.asarray(value)[None] for name, value in state.items()}
+        return _of_one(self._row.set_states(one_row))
 
     def state_sizes(self) -> dict[str, int]:
         """Numbers in each field of the state, such as 'qpos', without empty fields.
@@ -200,7 +207,7 @@ class Single:
         Raises:
           TypeError: it is not a `control.Environment` on a simulation of MuJoCo.
         """
-        return state_sizes(settable(self.environment).physics)
+        return self._row.state_sizes()
 
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on.
@@ -212,21 +219,12 @@ class Single:
           TypeError: the environment keeps something that cannot be copied.
         """
         plain = self._plain
-        if plain is not None and not self._edits_model:
+        if plain is None:
+            return self._row.snapshot()
+        if not self._edits_model:
             return plain.snapshot()
-        env = self.environment
-        check_copies(env, are_seeded=False)
-        registration = getattr(control_of(env), "registration", None)
-        saved = Snapshot.of_copy(copied(env), registration, self.name)
-        if plain is not None:
-            return saved
-        return dataclasses.replace(
-            saved,
-            step_count=np.array([self._steps]),
-            begins=np.array([not self._is_running]),
-            observations={name: value[None] for name, value in self._observation.items()},
-            resets=np.array([not self._is_running and not self._is_last]),
-        )
+        check_copies(plain, are_seeded=False)
+        return Snapshot.of_copy(copied(plain), plain.registration, self._row.name)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Continues from a snapshot, bit for bit, of this class or of a row of it.
@@ -236,66 +234,41 @@ class Single:
             damaged, or contains an episode at or beyond the step limit; nothing was restored.
         """
         self._is_new = False
-        plain, env = self._plain, self.environment
-        if plain is not None:
-            self._repeat = plain.action_repeat
-            plain.restore(snapshot)
-            self._set_up()
+        plain = self._plain
+        if plain is None:
+            self._row.restore(snapshot)
             return
-        as_snapshot(snapshot).check(Snapshot.origin_of_copy(env), 1)
-        snapshot.check_copies(is_plain=False)
-        snapshot.check_length(self._step_limit)
-        self._is_running = False  # until it is complete
-        if isinstance(env, Environment) and control_of(env) is env:  # it stays the same object
-            env.restore(snapshot)
-        else:
-            self._seeded.replace(copied(snapshot.copies[0]))
-        self._set_up()
-        inner = control_of(self.environment)
-        observations = {name: value[0] for name, value in snapshot.observations.items()}
-        if not observations and isinstance(inner, Environment) and not snapshot.begins[0]:
-            observations = as_mapping(inner.present_observation())
-        for name, value in observations.items():
-            given, own = np.asarray(value), self._observation.get(name)
-            if own is not None and own.shape == given.shape:
-                self._observation[name] = given.astype(own.dtype)
-        self._steps = int(snapshot.step_count[0])
-        self._is_running = not snapshot.begins[0]
-        self._is_last, self._timed_out = not snapshot.resets.any(), False
+        self._row._action_repeat = plain.action_repeat
+        plain.restore(snapshot)
+        self._row.set_up()
 
     def set_attribute(self, name: str, value: object) -> None:
         """Sets an attribute of the environment or its task, and of those made for later seeds."""
-        self._repeat = self.action_repeat
-        self._seeded.set_attribute(name, value)
-        self._set_up()
+        self._row._action_repeat = self.action_repeat
+        self._row.set_attr(name, [value])
 
     def action_spec(self) -> specs.BoundedArray:
         """The spec of an action."""
-        return self._action_spec
+        return self._row.single_action_spec()
 
     def observation_spec(self) -> Mapping[str, specs.Array]:
         """The specs of observations by name."""
-        return self._observation_spec
+        return self._form.observation_spec
 
     def control_timestep(self) -> float:
         """Time of a control step, seconds; NaN for an environment that does not report it."""
-        return control_timestep_of(self.environment)
-
-    @property
-    def name(self) -> str:
-        """The task's name, such as 'humanoid:walk', or that of its class."""
-        return task_name(self.environment)
+        return self._row.control_timestep()
 
     @property
     def action_repeat(self) -> int:
         """Control steps per action, which may be changed in a plain environment."""
         plain = self._plain
-        return self._repeat if plain is None else plain.action_repeat
+        return self._row.action_repeat if plain is None else plain.action_repeat
 
     @property
     def pixels(self) -> Pixels | None:
         """Options of the pixel observations; None without them."""
-        return getattr(self.environment, "pixels", None)
+        return self._row.pixels
 
     @property
     def randomization(self) -> Mapping[str, np.ndarray]:
@@ -305,9 +278,8 @@ class Single:
     @property
     def reward_terms(self) -> Mapping[str, Quantity]:
         """The terms of the last step's reward by name; empty without them."""
-        if self._plain is None and self._summed_terms is not None:
-            return self._summed_terms
-        return getattr(self.environment, "reward_terms", {})
+        terms: Mapping[str, Quantity] = getattr(self.environment, "reward_terms", {})
+        return terms if self._plain is not None else self._row._summed_terms.get(0, terms)
 
     @property
     def success(self) -> bool | None:
@@ -319,35 +291,28 @@ class Single:
     def is_running(self) -> bool:
         """Whether an episode has begun and not ended."""
         plain = self._plain
-        return self._is_running if plain is None else plain.is_running
+        return not self._row._begins[0] if plain is None else plain.is_running
 
     @property
     def timed_out(self) -> bool:
-        """Whether the last step was truncated.
-
-        A plain environment reports it; the last step of any other is a truncation if its discount
-        is 1.
-        """
+        """Whether the last step was truncated; see `limberjack.rl.rows`."""
         plain = self._plain
-        return self._timed_out if plain is None else plain.timed_out
+        return bool(self._row.timed_out[0]) if plain is None else plain.timed_out
 
     @property
     def _step_count(self) -> int:
         """Control steps since the episode began."""
         plain = self._plain
-        return self._steps if plain is None else plain._step_count
+        return int(self._row._steps[0]) if plain is None else plain._step_count
 
     @property
     def _step_limit(self) -> float:
         """Control steps per episode."""
-        if self._own_limit is not None:
-            return self._own_limit
-        return getattr(control_of(self.environment), "_step_limit", math.inf)
+        return self._row.step_limit
 
     @_step_limit.setter
     def _step_limit(self, limit: float) -> None:
-        self._own_limit = limit
-        self._set_up()
+        self._row.step_limit = limit
 
     @property
     def step_limit(self) -> int | None:
@@ -357,22 +322,13 @@ class Single:
 
     def close(self) -> None:
         """Closes the environment; may be called repeatedly."""
-        self.environment.close()
+        self._row.close()
 
     def description(self) -> Description:
         """The parts of a `repr`."""
         steps = self._step_count
-        begun = self.is_running or steps
-        return Description(
-            self.name, None, [self._seed], [steps] if begun else [], self._step_limit
-        )
-
-    def __deepcopy__(self, memo: dict[int, object]) -> "Single":
-        exact_copies(self.environment, memo)
-        new = type(self).__new__(type(self))
-        memo[id(self)] = new
-        vars(new).update(copy.deepcopy(vars(self), memo))
-        return new
+        begun = [steps] if self.is_running or steps else []
+        return Description(self._row.name, None, [self._seed], begun, self._step_limit)
 
     @property
     def _plain(self) -> Environment | None:
@@ -411,72 +367,15 @@ class Single:
                 self._seeded.set_attribute(name, getattr(plain.task, name))
         watch.look()
 
-    def _set_up(self) -> None:
-        """Sets the limit, and makes a plain environment repeat actions by itself."""
-        inner = control_of(self.environment)
-        if not isinstance(inner, Environment):
-            return
-        inner.action_repeat = self._repeat if self._plain is not None else 1
-        if self._own_limit is not None and inner._step_limit != self._own_limit:
-            inner._step_limit = self._own_limit
 
-    def _step(self, action: np.ndarray) -> dm_env.TimeStep:
-        env = self.environment
-        inner = control_of(env)
-        before = inner._step_count if isinstance(inner, Environment) else 0
-        self._is_running = self._is_last = False  # until it is complete
-        found = RowStep(self._batched(self._empty()), self._batched(self._observation))
-        terms: collections.Counter[str] = collections.Counter()
-        number = 0
-        while number < self._repeat and found.step_type[0] != _LAST:
-            number += 1
-            found.take(0, env.step(action), None)
-            if self._repeat > 1:
-                terms.update(getattr(env, "reward_terms", {}))
-        self._summed_terms = terms if self._repeat > 1 else None
-        self._steps += inner._step_count - before if isinstance(inner, Environment) else number
-        if found.step_type[0] == _FIRST:
-            self._steps = 0
-        self._is_last = bool(found.step_type[0] == _LAST)
-        self._timed_out = bool(found.timed_out[0])
-        self._is_running = not self._is_last
-        step_type = dm_env.StepType(int(found.step_type[0]))
-        reward, discount = float(found.reward[0]), float(found.discount[0])
-        return dm_env.TimeStep(step_type, reward, discount, self._shown(found))
-
-    def _taken(self, time_step: dm_env.TimeStep) -> RowStep:
-        """A first time step, checked against the specs."""
-        found = RowStep(self._batched(self._empty()), self._batched(self._observation))
-        found.take(0, time_step, None)
-        return found
-
-    def _shown(self, found: RowStep | None = None) -> Mapping[str, np.ndarray]:
-        """The observation of a step, which is kept; the last one without a step."""
-        if found is not None:
-            self._observation = {name: value[0] for name, value in found.observation.items()}
-        return {name: value.copy() for name, value in self._observation.items()}
-
-    def _empty(self) -> dict[str, np.ndarray]:
-        of_names = self._observation_spec.items()
-        return {name: np.zeros(spec.shape, spec.dtype) for name, spec in of_names}
-
-    @staticmethod
-    def _batched(observation: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return {name: value[None] for name, value in observation.items()}
-
-    def _checked(self, action: npt.ArrayLike) -> np.ndarray:
-        """A copy of the action, since environments may keep theirs."""
-        given = np.array(actions.as_numbers(action))
-        shape = self._action_spec.shape
-        if given.size == 1 and math.prod(shape) == 1:
-            given = given.reshape(shape)  # one number for one actuator, in any shape
-        if given.shape != shape:
-            raise ValueError(
-                f"action has shape {given.shape}; expected {shape}, that of the action spec; "
-                "nothing was stepped"
-            )
-        actions.check_finite(given)
-        return given
+def _of_one(batched: dm_env.TimeStep) -> dm_env.TimeStep:
+    """The time step of the only row of a batch, which has begun an episode or been restored."""
+    observation = {name: values[0] for name, values in batched.observation.items()}
+    step_type = dm_env.StepType(int(batched.step_type[0]))
+    if step_type is dm_env.StepType.FIRST:
+        return dm_env.TimeStep(step_type, None, None, observation)
+    reward, discount = float(batched.reward[0]), float(batched.discount[0])
+    return dm_env.TimeStep(step_type, reward, discount, observation)
 
 
 def _seeded(given: dm_env.Environment | Make | Build) -> Seeded:

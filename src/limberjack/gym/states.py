@@ -17,11 +17,9 @@ from limberjack.gym.single import Single
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.control import Environment
 from limberjack.rl.given_state import (
-    check_form,
     check_snapshot,
     checked_state,
     checked_states,
-    rows_of,
     state_sizes,
 )
 from limberjack.rl.snapshot import Snapshot
@@ -89,14 +87,13 @@ def _of_a_snapshot(snapshot: Snapshot, batches: Sequence[Batch], rows: np.ndarra
     num_envs = sum(batch.num_envs for batch in batches)
     first = batches[0]
     own = first.snapshot([0])
-    snapshot.check(own.origin, num_envs)
-    check_form(snapshot, own)
+    snapshot.check_all(own, num_envs)
     if not own.frames:  # pictures that are ignored may have any form
         snapshot = dataclasses.replace(snapshot, frames={})
-    taken = rows_of(snapshot, rows)
+    taken = snapshot.part(rows)
     sizes = {} if own.copies else first.state_sizes()  # copies may be of classes without a state
     check_snapshot(taken, own, len(rows), sizes, first.step_limit, rows)
-    return [[(of_batch, rows_of(taken, here))] for of_batch, here in _split(batches, rows)]
+    return [[(of_batch, taken.part(here))] for of_batch, here in _split(batches, rows)]
 
 
 def _of_a_list(

@@ -20,10 +20,14 @@ the policy computes the actions of the other half:
             envs.send(policy(observations), half)
 """
 
+import collections
 import math
-from collections.abc import Mapping, Sequence
+import os
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy as copy_of
-from typing import Any, SupportsIndex, TypeVar
+from typing import Any, Generic, SupportsIndex, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +39,6 @@ from gymnasium.vector.utils import batch_space
 
 from limberjack import suite
 from limberjack.gym import arguments, attributes
-from limberjack.gym.halves import Workers, joined
 from limberjack.gym.observations import (
     AnyObservation,
     Info,
@@ -50,9 +53,105 @@ from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.represented import represented
 
-__all__ = ["VectorEnv", "load_vector"]
+__all__ = ["VectorEnv", "Workers", "joined", "load_vector"]
 
-_T = TypeVar("_T")
+_T = TypeVar("_T")  # arrays, or dicts of them
+_R = TypeVar("_R")  # the result of a job
+
+
+class Workers(Generic[_R]):
+    """A thread for each half; results are received in the order in which jobs are sent."""
+
+    def __init__(self, count: int) -> None:
+        """Make `count` workers, without starting their threads."""
+        self._count = count
+        self._forget()
+
+    def _forget(self) -> None:
+        self._process = os.getpid()
+        self._threads: dict[int, ThreadPoolExecutor] = {}
+        self._sent: collections.deque[tuple[int, Future[_R]]] = collections.deque()
+        self._turn = threading.Lock()
+
+    @property
+    def busy(self) -> list[int]:
+        """The halves that were sent and not yet received, in that order."""
+        if self._process != os.getpid():  # forked: threads stay in the parent
+            self._forget()
+        return [half for half, _ in self._sent]
+
+    def check_idle(self) -> None:
+        """Raise RuntimeError if a half was sent and not yet received."""
+        if self.busy:
+            raise RuntimeError(f"halves {self.busy} were sent: receive them with recv() first")
+
+    def send(self, half: int, job: Callable[..., _R], *given: object) -> None:
+        """Have a half's thread call `job(*given)`."""
+        if half in self.busy:
+            raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
+        if half not in self._threads:
+            self._threads[half] = ThreadPoolExecutor(1, f"limberjack-half-{half}")
+        future = self._threads[half].submit(_in_turn, self._turn, job, given)
+        self._sent.append((half, future))
+
+    def receive(self) -> tuple[int, _R]:
+        """The half that was sent first, and the result of its job, whose error it raises.
+
+        Ctrl-C while it waits loses nothing: the next call waits for the same half.
+        """
+        if not self.busy:
+            raise RuntimeError("nothing was sent in this process: call send() before recv()")
+        half, future = self._sent[0]
+        future.exception()  # waits
+        self._sent.popleft()
+        return half, future.result()
+
+    def close(self) -> None:
+        """Wait for running jobs and end the threads."""
+        if self._process == os.getpid():
+            for thread in self._threads.values():
+                thread.shutdown()
+        self._forget()
+
+    def __getstate__(self) -> dict[str, int]:
+        return {"count": self._count}
+
+    def __setstate__(self, state: dict[str, int]) -> None:
+        self.__init__(state["count"])
+
+
+def _in_turn(turn: threading.Lock, job: Callable[..., _R], given: Iterable[object]) -> _R:
+    with turn:
+        return job(*given)
+
+
+def joined(parts: Sequence[_T | None], sizes: Sequence[int]) -> _T:
+    """Arrays, or equally named dicts of them, one after the other along the first axis.
+
+    Args:
+      parts: one for each half; None for a half without one, whose rows are zeros, or None in an
+        array of objects.
+      sizes: rows of each half.
+    """
+    given = next(part for part in parts if part is not None)
+    if isinstance(given, dict):
+        dicts = [part if isinstance(part, dict) else {} for part in parts]
+        names = dict.fromkeys(name for part in dicts for name in part)
+        named = {name: joined([part.get(name) for part in dicts], sizes) for name in names}
+        return cast(_T, named)
+    like = cast(np.ndarray, given)
+    filled = [
+        _nothing(like, size) if part is None else cast(np.ndarray, part)
+        for part, size in zip(parts, sizes, strict=True)
+    ]
+    return cast(_T, np.concatenate(filled))
+
+
+def _nothing(like: np.ndarray, size: int) -> np.ndarray:
+    shape = (size, *like.shape[1:])
+    return np.full(shape, None) if like.dtype == object else np.zeros(shape, like.dtype)
+
+
 # Observation, reward, terminated, truncated, info.
 _AnyStep = tuple[AnyObservation, np.ndarray, np.ndarray, np.ndarray, Info]
 
@@ -170,8 +269,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Raises:
           ValueError, TypeError: a seed or an option is invalid; nothing was reset.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         seeds = arguments.row_seeds(seed, self.num_envs)
         mask = arguments.reset_mask(options, self.num_envs, arguments.STATE)
         begun = np.ones(self.num_envs, bool) if mask is None else mask
@@ -199,8 +297,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             nothing was stepped.
           PhysicsError: a row diverged and `on_divergence` is 'raise'.
         """
+        self._check_idle()
         self._check_begun()
-        self._workers.check_idle()
         if len(self._parts) == 1:
             self._parts[0].check_begun()
             return self._parts[0].step(actions)
@@ -220,13 +318,9 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             for part in self._parts:
                 part.restart()
             raise
-        return (
-            self._joined([step[0] for step in steps]),
-            self._joined([step[1] for step in steps]),
-            self._joined([step[2] for step in steps]),
-            self._joined([step[3] for step in steps]),
-            self._joined([step[4] for step in steps]),
-        )
+        observation, *masks, info = map(self._joined, zip(*steps, strict=True))
+        reward, terminated, truncated = masks
+        return observation, reward, terminated, truncated, info
 
     def send(self, actions: npt.ArrayLike, half: int) -> None:
         """Begin to step a half, and return at once; `recv` returns the result.
@@ -269,8 +363,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
 
         The pictures of a list of cameras are side by side, (height, cameras * width, 3).
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         if self.render_mode is None:
             return None
         pictures = (batch.render(None, **self._render_kwargs) for batch in self.batches)
@@ -289,8 +382,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Raises:
           AttributeError: rows have no such method; the message suggests the nearest name.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         return tuple(attributes.call(self, name, args, kwargs, range(self.num_envs)))
 
     # Any: attributes of any type.
@@ -300,8 +392,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Raises:
           AttributeError: rows have no such attribute; the message suggests the nearest name.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         return tuple(attributes.get(self, name))
 
     def set_attr(self, name: str, values: object) -> None:
@@ -317,8 +408,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
           AttributeError: rows have no such setting, or it cannot be changed.
           ValueError, TypeError: the values do not fit; nothing was set.
         """
-        self._check_open()
-        self._workers.check_idle()
+        self._check_idle()
         attributes.set_values(self, name, values)
 
     def close_extras(self, **kwargs: object) -> None:
@@ -340,6 +430,11 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     def _check_open(self) -> None:
         if self.closed:
             raise error.ClosedEnvironmentError("this environment is closed: make a new one")
+
+    def _check_idle(self) -> None:
+        """Raise unless this is open, and no half is being stepped."""
+        self._check_open()
+        self._workers.check_idle()
 
     def _check_begun(self) -> None:
         self._check_open()

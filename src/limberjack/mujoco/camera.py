@@ -245,22 +245,10 @@ class Camera:
           RenderingError: OpenGL is not available.
         """
         style = Style.of(overlays, depth, segmentation, render_flag_overrides, quality)
-        model, size = self._physics.model._model, (self._height, self._width)
+        size = self._height, self._width
         with self._lock:
             contents = self._contents(scene_option)
-            if self._scene_callback:
-                contents = _with_callback(
-                    contents, self._physics, self._scene, self._scene_callback
-                )
-            with self._scene.override_flags(style.flags):
-                raw = call(
-                    model,
-                    draw,
-                    *(self._scene, style, *size, contents),
-                    size=size,
-                    may_have_changed=_may_have_changed(self._physics),
-                )
-            return finished(raw, style, model, self._scene)
+            return _drawn(self._physics, self._scene, style, size, contents, self._scene_callback)
 
     def select(self, cursor_position: tuple[float, float]) -> Selected:
         """Objects visible at a point of the picture.
@@ -451,13 +439,7 @@ def render(
     )
     scene = _renewed(spares.pop()) if spares and is_reusable else MjvScene(model=physics.model)
     contents = _contents(physics, view, scene_option or _DEFAULT_OPTION)
-    if scene_callback:
-        contents = _with_callback(contents, physics, scene, scene_callback)
-    with scene.override_flags(style.flags):
-        what = scene, style, *size, contents
-        is_new = _may_have_changed(physics)
-        raw = call(model, draw, *what, size=size, may_have_changed=is_new)
-    picture = finished(raw, style, model, scene)
+    picture = _drawn(physics, scene, style, size, contents, scene_callback)
     if is_reusable and len(spares) < _MOST_SPARE_SCENES:
         spares.append(scene)
     return picture
@@ -504,25 +486,33 @@ def picture_spec(
     return (*size, 3), np.dtype(np.uint8)
 
 
-def _may_have_changed(physics: Drawable) -> bool:
-    """Whether the model's height fields, textures or meshes may differ from the last upload.
-
-    They cannot change until user code has obtained them.
-    """
-    return physics.model._is_lent
+def _drawn(
+    physics: Drawable,
+    scene: MjvScene,
+    style: Style,
+    size: tuple[int, int],
+    contents: Contents | None,
+    callback: SceneCallback | None,
+) -> np.ndarray:
+    """A picture of a scene, which is updated first; a callback runs in the caller's thread."""
+    model = physics.model._model
+    if callback:
+        assert contents is not None
+        mujoco.mjv_updateScene(*contents, scene)
+        callback(physics, scene)
+        contents = None
+    # Height fields, textures and meshes cannot change until user code has obtained them.
+    is_new = physics.model._is_lent
+    with scene.override_flags(style.flags):
+        raw = call(
+            model, draw, *(scene, style, *size, contents), size=size, may_have_changed=is_new
+        )
+    return finished(raw, style, model, scene)
 
 
 def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> Contents:
     """Arguments of `mjv_updateScene` for the physics' current state."""
     return physics.model._model, physics.data._data, option, None, view, _EVERYTHING
-
-
-def _with_callback(
-    contents: Contents, physics: Drawable, scene: MjvScene, callback: SceneCallback
-) -> None:
-    """Updates the scene and applies the callback, in the caller's thread."""
-    mujoco.mjv_updateScene(*contents, scene)
-    callback(physics, scene)
 
 
 def _renewed(scene: MjvScene) -> MjvScene:

@@ -24,28 +24,16 @@ import numpy as np
 
 from limberjack.mujoco.batch_simulation import BatchSimulation, check_callbacks
 from limberjack.mujoco.camera import check_names
-from limberjack.mujoco.simulation import STATE, Call, Fields, Rows, Simulation, read_field
+from limberjack.mujoco.simulation import STATE, Call, Fields, Rows, read_field
 from limberjack.mujoco.wrapper.core import MjModel
-from limberjack.rl.contract import PhysicsError
+from limberjack.rl.contract import PhysicsError, SimulatedPhysics
 from limberjack.utils.arrays import any_of
 
 __all__ = ["Replicas"]
 
 
-class _Physics(Protocol):
+class _Physics(SimulatedPhysics, Protocol):
     """The parts of a `Physics`, whose module imports this one, that replication needs."""
-
-    legacy_step: bool
-
-    @property
-    def model(self) -> MjModel: ...
-
-    # Any: a `wrapper.MjData`, or a `RowsData`.
-    @property
-    def data(self) -> Any: ...
-
-    @property
-    def simulation(self) -> Simulation: ...
 
     @classmethod
     def from_model(cls, model: MjModel) -> Self: ...
@@ -55,8 +43,6 @@ class _Physics(Protocol):
     def reset(self) -> None: ...
 
     def render(self) -> np.ndarray: ...
-
-    def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]: ...
 
     def free(self) -> None: ...
 

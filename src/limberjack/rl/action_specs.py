@@ -5,11 +5,17 @@
 A task's `before_step` may map actions to actuators in any way, while learners, batches and random
 policies rely on `action_spec`. A task that overrides `before_step` but not `action_spec` is tested
 once on a copy of the physics.
+
+The other functions check actions before a step, which must be finite numbers; the task checks their
+shape.
 """
 
 import copy
 import inspect
+import math
+import reprlib
 from collections.abc import Callable
+from typing import Any
 
 import dm_env
 import numpy as np
@@ -19,7 +25,16 @@ from limberjack.rl.contract import Physics, Task
 from limberjack.rl.copies import difference
 from limberjack.rl.shared_streams import put_back_after
 
-__all__ = ["bounded_spec", "bounds_to_try", "open_bounds", "spec_of"]
+__all__ = [
+    "as_numbers",
+    "bounded_spec",
+    "bounds_to_try",
+    "check_finite",
+    "in_shape",
+    "not_finite",
+    "open_bounds",
+    "spec_of",
+]
 
 _WIDEST = 1e9  # larger bounds mean 'unlimited': MuJoCo's own limit is 1e10
 
@@ -40,7 +55,8 @@ def bounded_spec(task: Task, physics: Physics) -> specs.BoundedArray:
             "batches, Gymnasium and the policies 'random' and 'zero' rely on"
         )
     if _maps_actions(task):
-        problem = _problem(task, physics, spec)
+        with put_back_after():
+            problem = _problem(spec, _effect(task, physics))
         if problem:
             raise ValueError(
                 f"task {name} defines before_step but not action_spec, and {problem}; define "
@@ -55,10 +71,9 @@ def spec_of(env: dm_env.Environment) -> specs.BoundedArray:
     Raises:
       TypeError, ValueError: see `bounded_spec`.
     """
-    from limberjack.rl.control import Environment  # which imports this package's other modules
-
-    if isinstance(env, Environment) and difference(env) is None:
-        return bounded_spec(env.task, env.physics)
+    if difference(env) is None:
+        plain: Any = env  # a `control.Environment`, whose module imports this one
+        return bounded_spec(plain.task, plain.physics)
     spec = env.action_spec()
     if not isinstance(spec, specs.BoundedArray):
         raise TypeError(
@@ -97,13 +112,8 @@ def _maps_actions(task: Task) -> bool:
     return first["before_step"] < first["action_spec"]
 
 
-def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | None:
+def _problem(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:
     """The problem with actions of the spec, as part of a sentence; None if there is none."""
-    with put_back_after():
-        return _problem_of(spec, _effect(task, physics))
-
-
-def _problem_of(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:
     low, high = bounds_to_try(spec)
     action = (0.6 * low + 0.4 * high).astype(spec.dtype)
     shape = f"an action of the inherited spec, {spec.shape},"
@@ -142,3 +152,72 @@ def _effect(task: Task, physics: Physics) -> Callable[[np.ndarray], bytes]:
         return simulation.save(None, ())["state"].tobytes()
 
     return effect
+
+
+_BYTES = np.dtype(np.float64).itemsize
+
+
+def as_numbers(action: object) -> np.ndarray:
+    """An action, or the actions of many environments, as a numeric array.
+
+    Types wider than MuJoCo's float64 become float64, in which their largest values are infinite;
+    others keep their type, since they convert without loss or overflow.
+
+    Raises:
+      TypeError: the actions are not real numbers, or Python integers beyond 64 bits.
+      ValueError: the rows have different lengths, or an integer is beyond the range of float64.
+    """
+    try:
+        given = np.asarray(action)
+    except ValueError as error:
+        raise ValueError(f"action is {action!r}; expected an array of numbers") from error
+    except OverflowError as error:
+        raise ValueError(
+            f"action is {reprlib.repr(action)}; expected numbers within the range of float64; "
+            "nothing was stepped"
+        ) from error
+    if given.dtype.kind not in "fiub":
+        raise TypeError(
+            f"action has dtype {given.dtype}; expected numbers: {reprlib.repr(action)}; nothing "
+            "was stepped"
+        )
+    if given.dtype.itemsize <= _BYTES:
+        return given
+    with np.errstate(all="ignore"):  # overflow: the result is checked instead
+        return given.astype(np.float64)
+
+
+def in_shape(given: np.ndarray, shape: tuple[int, ...], num_rows: int = 1) -> np.ndarray:
+    """The numbers in the shape of their spec; one for one actuator of each row may have any shape.
+
+    Raises:
+      ValueError: they have another shape.
+    """
+    if given.size == math.prod(shape) == num_rows:
+        return given.reshape(shape)
+    if given.shape != shape:
+        raise ValueError(
+            f"action has shape {given.shape}; expected {shape}, one number for each actuator; "
+            "nothing was stepped"
+        )
+    return given
+
+
+def check_finite(given: np.ndarray) -> None:
+    """Raises ValueError if an action contains NaN or infinity."""
+    bad = not_finite(given)
+    if bad is not None:
+        where = np.argwhere(bad)
+        index = where.ravel() if bad.ndim == 1 else where
+        raise ValueError(
+            f"action is not finite at index {index.tolist()}: {given}; nothing was stepped"
+        )
+
+
+def not_finite(given: np.ndarray) -> np.ndarray | None:
+    """Mask of NaN and infinite elements; None if there are none."""
+    if given.dtype.kind != "f":
+        return None
+    finite = np.isfinite(given)
+    # Runs at every step; searching the bytes is the fastest check.
+    return ~finite if b"\0" in finite.tobytes() else None

@@ -30,7 +30,7 @@ from limberjack.mujoco.replicas import Replicas
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl import control, guards, observations
 from limberjack.rl.action_specs import bounded_spec
-from limberjack.rl.batch_contract import Lockstep, RowNumbers
+from limberjack.rl.batch_contract import Batch, RowNumbers
 from limberjack.rl.batch_errors import NotVectorised
 from limberjack.rl.batch_safety import (
     check_batch_safe,
@@ -44,13 +44,11 @@ from limberjack.rl.endings import Counter, Repeated
 from limberjack.rl.episode_attributes import EpisodeAttributes, check_declared
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.memory import Memory, remembered
-from limberjack.rl.pixels import Frames, PixelOptions, Pixels
-from limberjack.rl.randomize import Randomizer, show_drawn
-from limberjack.rl.represented import Description, represented
+from limberjack.rl.pixels import Frames, Pixels
+from limberjack.rl.randomize import show_drawn
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
-from limberjack.rl.stagger import Stagger, check_limit
-from limberjack.rl.streams import Streams
+from limberjack.rl.streams import Streams, check_limit
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
@@ -60,87 +58,66 @@ __all__ = ["BatchEnvironment"]
 _LAST = int(dm_env.StepType.LAST)
 
 
-class BatchEnvironment(Lockstep):
+class BatchEnvironment(Batch):
     """Episodes of a task on a batch of simulations; see the module's docstring."""
 
-    # See `Batch`: the rows of this class are vectorised.
-    why_rows: str | None = None
-    registration: object = None  # see `control.Environment`
-    _name = ""  # see `control.Environment`
+    # Shape and dtype of each observation, by name, once they are known.
+    _forms: dict[str, tuple[tuple[int, ...], np.dtype]]
+    # Each row's last observation, and whether it is known. A row that is not stepped shows it
+    # again, since a task that remembers may answer differently when it is asked again.
+    _observed: MutableMapping[str, np.ndarray]
+    _has_observed: np.ndarray
 
     def __init__(
         self,
-        replicas: Replicas[Any],  # of the domain's own physics
-        task: Task,
-        n_sub_steps: int = 1,
-        step_limit: float = float("inf"),
+        env: control.Environment,
+        num_envs: int,
+        num_threads: int | None = None,
         seed: int | None = None,
-        flat_observation: bool = False,
         on_divergence: str = "end",
-        randomizer: Randomizer | None = None,
-        pixels: PixelOptions | Pixels | None = None,
-        action_repeat: int = 1,
         stagger: bool = False,
+        action_repeat: int | None = None,
     ) -> None:
-        """Creates a batch whose first `step` or `reset` begins an episode in every row.
-
-        Args:
-          replicas: the simulations, from `replicate` of a `mujoco.Physics`.
-          task: a task whose quantities have the leading axis; it must not be used elsewhere.
-          n_sub_steps: physics steps per action.
-          step_limit: steps per episode.
-          seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
-          flat_observation: join the observation into one array, under 'observations'.
-          on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
-            'raise' raises `PhysicsError`.
-          randomizer: draws model fields for each episode.
-          pixels: pictures to observe; see `limberjack.rl.pixels`.
-          action_repeat: control steps per action; see `control.Environment.step`.
-          stagger: end the first episode of each row after a random number of steps; see
-            `limberjack.rl.stagger`.
-
-        Raises:
-          ValueError: the task is not batch-safe, or `on_divergence` is neither of the two.
-        """
-        self.num_envs: int = replicas.num_envs
+        """Creates a batch; see `from_environment`."""
+        check_plain(env)
+        num_envs = guards.at_least_one("num_envs", num_envs)
+        self._randomizer = env._randomizer
+        self._saved_fields = env._saved_fields()
+        check_episode_fields(env.task)
+        check_declared(env.task)
+        guards.check_memory(
+            num_envs, env.physics.simulation.save(None, self._saved_fields).values()
+        )
+        repeat = env.action_repeat if action_repeat is None else action_repeat
+        super().__init__(num_envs, seed, on_divergence, repeat, stagger)
+        proved = is_proved(env.task, env.physics, env._randomizer)
+        self._task = task = _task_of(env, proved)
+        self.name = env._name or type(task).__name__
+        self._n_sub_steps, self._flat_observation = env._n_sub_steps, env._flat_observation
+        threads = threads_for(num_threads, num_envs, env)
+        # Any: of the domain's own physics.
+        replicas: Replicas[Any] = env.physics.replicate(num_envs, threads, self._saved_fields)
         self._replicas = replicas
-        self._task = task
-        self._n_sub_steps = n_sub_steps
-        self._flat_observation = flat_observation
-        self._randomizer = randomizer
-        randomized = randomizer.fields if randomizer is not None else ()
-        self._saved_fields = (*getattr(task, "EPISODE_FIELDS", ()), *randomized)
-        self.randomization: dict[str, np.ndarray] = {}  # values drawn for the rows, by field
-        self.pixels = None if pixels is None else Pixels.of(pixels)
-        self._frames = Frames.of(self.pixels, replicas)
-        self._raises = guards.raises_on_divergence(on_divergence)
-        self._streams = Streams(seed, self.num_envs)
-        self._counter = Counter(self.num_envs, step_limit, type(task).__name__)
-        # Shape and dtype of each observation, by name, once they are known.
-        self._forms: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
-        self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
+        self._randomization: dict[str, np.ndarray] = {}
+        self._frames = Frames.of(env.pixels, replicas)
+        self._streams = Streams(self._seeds[0], num_envs)
+        self._seeds = self._streams.seeds
+        self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
+        self._steps = self._counter.steps
+        self._forms = {}
+        self._reward_terms: dict[str, Quantity] = {}
         self._last_terms: Mapping[str, Quantity] = {}  # of each row's last control step
-        self._stagger: Stagger | None = None
-        if guards.yes_or_no("stagger", stagger):
-            check_limit(step_limit)
-            self._stagger = Stagger(self.num_envs)
-            self._counter.limits = np.full(self.num_envs, step_limit)
-        self._all_begin = np.ones(self.num_envs, bool)
-        self._begins = self._all_begin.copy()  # rows whose next step begins an episode
-        self.diverged = np.zeros(self.num_envs, bool)
-        self.reward_terms: dict[str, Quantity] = {}  # of the last step, (num_envs,) each, by name
-        self._use = guards.OneUser("batch")
+        if stagger:
+            self.step_limit = env._step_limit
+        self._all_begin = self._begins.copy()
         spec = bounded_spec(task, replicas.single)
-        self._action_spec = guards.batched_spec(spec, self.num_envs)
-        proved = is_proved(task, replicas.single, randomizer)
+        self._action_spec = guards.batched_spec(spec, num_envs)
         if not proved:
-            check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
-        self._memory = EpisodeAttributes(task, self.num_envs, proved)
-        # Each row's last observation, and whether it is known. A row that is not stepped shows it
-        # again, since a task that remembers may answer differently when it is asked again.
-        self._observed: MutableMapping[str, np.ndarray] = {}
-        self._has_observed = np.zeros(self.num_envs, bool)
-        self._begin_streams(range(self.num_envs))
+            self._check_task(spec)
+        self._memory = EpisodeAttributes(task, num_envs, proved)
+        self._observed = {}
+        self._has_observed = np.zeros(num_envs, bool)
+        self._begin_streams(range(num_envs))
 
     @classmethod
     def from_environment(
@@ -155,12 +132,17 @@ class BatchEnvironment(Lockstep):
     ) -> Self:
         """A batch of environments like `env`, which is not changed.
 
+        Its first `step` or `reset` begins an episode in every row.
+
         Args:
           env: a single environment, of the suite or with your own batch-safe task.
           num_envs: number of rows.
           num_threads: number of threads; by default as many cores as a step can occupy.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
-          on_divergence, stagger: see the constructor.
+          on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
+            'raise' raises `PhysicsError`.
+          stagger: end the first episode of each row after a random number of steps; see
+            `limberjack.rl.streams`.
           action_repeat: control steps per action; None for that of `env`.
 
         Raises:
@@ -168,63 +150,17 @@ class BatchEnvironment(Lockstep):
             number is out of range. `limberjack.rl.batch_of` takes such environments too.
           MemoryError: this many rows do not fit into memory.
         """
+        how = num_envs, num_threads, seed, on_divergence, stagger, action_repeat
         try:
-            how = num_envs, num_threads, seed, on_divergence, stagger, action_repeat
-            return cls._vectorised(env, *how)
+            return cls(env, *how)
         except NotVectorised as reason:
             reason.advice = ". limberjack.rl.batch_of makes a batch of complete environments"
             raise
 
-    @classmethod
-    def _vectorised(
-        cls,
-        env: control.Environment,
-        num_envs: int,
-        num_threads: int | None,
-        seed: int | None,
-        on_divergence: str,
-        stagger: bool,
-        action_repeat: int | None,
-    ) -> Self:
-        check_plain(env)
-        num_envs = guards.at_least_one("num_envs", num_envs)
-        fields = env._saved_fields()
-        check_episode_fields(env.task)
-        check_declared(env.task)
-        guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
-        is_of_the_suite = is_proved(env.task, env.physics, env._randomizer)
-        task = copy.copy(env.task) if is_of_the_suite else _copy_of(env)
-        for name, value in env._first_values().items():
-            setattr(task, name, value)
-        if getattr(task, "visualize_reward", False):
-            # The rows share the colours of materials. (Only `base.Task` has the attribute.)
-            task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]
-        how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
-        replicas = env.physics.replicate(num_envs, threads_for(num_threads, num_envs, env), fields)
-        batch = cls(
-            replicas,
-            task,
-            *how,
-            randomizer=env._randomizer,
-            pixels=env.pixels,
-            action_repeat=env.action_repeat if action_repeat is None else action_repeat,
-            stagger=stagger,
-        )
-        batch._name = env._name
-        return batch
-
     def reset(
         self, ids: RowNumbers = None, seeds: Sequence[int | None] | None = None
     ) -> dm_env.TimeStep:
-        """Begins an episode in all rows or in those given; returns the time step of all rows.
-
-        Other rows keep their state and are reported as mid-episode, with reward 0.
-
-        Args:
-          ids: sorted row numbers or a mask of (num_envs,).
-          seeds: for each row to reset, a seed whose first episode it begins, or None to continue
-            the row's random stream.
-        """
+        """See `Batch`."""
         rows = self._numbers(ids)
         streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
@@ -240,20 +176,8 @@ class BatchEnvironment(Lockstep):
             self._begins[rows] = False
         return self._counter.shown(observation)
 
-    def restart(self) -> None:
-        """Make every row begin an episode with the next step, in the middle of one too."""
-        self._begins[:] = True
-
     def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
-        """Applies an action in every row and returns the batched `TimeStep`.
-
-        Args:
-          actions: numbers, (num_envs, ...); ignored in rows that begin an episode.
-
-        Raises:
-          ValueError, TypeError: the actions are not finite numbers with one row per environment,
-            or the task rejects them; nothing was stepped.
-        """
+        """See `Batch`."""
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             begins = self._begins
             self._replicas.check()
@@ -274,7 +198,7 @@ class BatchEnvironment(Lockstep):
         seen = None if stepped is None else stepped | begins
         if are_some:  # only now, since `after_step` must not change a start
             self._begin(np.flatnonzero(begins))
-        reward, self.reward_terms = self._reward(stepped)
+        reward, self._reward_terms = self._reward(stepped)
         observation = self._observe(seen)
         termination = self._termination(stepped)
         time_step, self._begins = self._counter.count(
@@ -319,7 +243,7 @@ class BatchEnvironment(Lockstep):
         for rows, saved in waiting:
             simulation.load(saved, rows)
         self.diverged = diverged
-        self.reward_terms, self._last_terms = total.terms, total.last_terms
+        self._reward_terms, self._last_terms = total.terms, total.last_terms
         if self._memory.names:
             self._observed = {n: v.copy() for n, v in total.observation.items()}
             self._has_observed[:] = True
@@ -361,7 +285,7 @@ class BatchEnvironment(Lockstep):
             return self._task.get_termination(physics)
 
     def snapshot(self, rows: RowNumbers = None) -> Snapshot:
-        """Everything that the future of the batch, or of some rows, depends on."""
+        """See `Batch`."""
         rows = self._numbers(rows)
         with self._use:
             return Snapshot(
@@ -372,32 +296,15 @@ class BatchEnvironment(Lockstep):
                 self._streams.save(rows, with_beside=self._randomizer is not None),
                 {} if self._frames is None else self._frames.save(rows),
                 self.registration,
-                self._name,
+                self.name,
                 self._remembered(rows),
                 limits=self._limits(rows),
             )
 
     def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
-        """Continues the batch, or some rows, from a snapshot, bit for bit.
-
-        Args:
-          snapshot: a snapshot of a batch or single environment, with as many rows as `rows`.
-          rows: sorted row numbers or a mask; None for all.
-
-        Raises:
-          ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
-            damaged, or contains an episode at or beyond the step limit; nothing was restored.
-
-        A row whose saved state is invalid diverges in the next step, as the saved row would.
-        """
+        """See `Batch`."""
         rows = self._numbers(rows)
-        as_snapshot(snapshot).check(self._origin, len(rows))
-        snapshot.check_arrays(
-            self._replicas.single.simulation.save(None, self._saved_fields),
-            {} if self._frames is None else self._frames.save(rows),
-            streams=1 if self._randomizer is None else 2,
-        )
-        snapshot.check_length(self.step_limit)
+        as_snapshot(snapshot).check_all(self.snapshot([0]), len(rows), self.step_limit)
         with self._use:
             self._replicas.check()
             self._begins[rows] = True  # until it is complete
@@ -406,7 +313,7 @@ class BatchEnvironment(Lockstep):
             if self._randomizer is not None:
                 fields = self._randomizer.fields
                 saved = {name: snapshot.physics[name] for name in fields}
-                show_drawn(self.randomization, saved, rows, self.num_envs)
+                show_drawn(self._randomization, saved, rows, self.num_envs)
             if self._frames is not None:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
@@ -417,16 +324,13 @@ class BatchEnvironment(Lockstep):
             self._begins[rows], self.diverged[rows] = snapshot.begins, False
 
     def integration_states(self) -> np.ndarray:
-        """MuJoCo's integration state of each row, (num_envs, nstate)."""
+        """See `Batch`."""
         return self._replicas.simulation.get_state(STATE)
 
     def episode_fields(self) -> dict[str, np.ndarray]:
-        """The model fields that were set for the rows' episodes, (num_envs, ...) by name."""
+        """See `Batch`."""
         saved = self._replicas.simulation.save(None, self._saved_fields)
         return {name: saved[name] for name in self._saved_fields}
-
-    def _step_counts(self) -> np.ndarray:
-        return self._counter.steps
 
     def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
         with arrays.rows_of_a_batch(self.num_envs):
@@ -439,7 +343,7 @@ class BatchEnvironment(Lockstep):
         return self._counter.shown(observation)
 
     def state_sizes(self) -> dict[str, int]:
-        """Numbers in each field of a row's state, such as 'qpos', without empty fields."""
+        """See `Batch`."""
         self._use.check()
         return state_sizes(self._replicas.single)
 
@@ -452,40 +356,34 @@ class BatchEnvironment(Lockstep):
         Raises:
           ValueError, TypeError: it is not; see `limberjack.rl.batch_safety`.
         """
-        task, replicas = self._task, self._replicas
+        single = self._replicas.single
+        with self._memory.of_row(0, single, "check_task"):
+            self._check_task(bounded_spec(self._task, single))
+
+    def _check_task(self, spec: specs.BoundedArray) -> None:
         how = self._n_sub_steps, self._saved_fields, self._randomizer
-        with self._memory.of_row(0, replicas.single, "check_task"):
-            check_batch_safe(task, replicas, bounded_spec(task, replicas.single), *how)
+        check_batch_safe(self._task, self._replicas, spec, *how)
 
     def keep_as_first(self, name: str) -> None:
         """Makes a reset with a seed put back the present values of a declared attribute."""
         self._memory.keep_as_first(name)
 
-    def description(self) -> Description:
-        """The parts of the batch's `repr`."""
-        steps = self._counter.steps.tolist()
-        begun = not self._begins.all() or any(steps)
-        return Description(
-            self.name, self.num_envs, self._streams.seeds, steps if begun else [], self.step_limit
-        )
-
-    def __repr__(self) -> str:
-        return represented(self, self.description())
-
     def __getstate__(self) -> dict[str, object]:
         """State for an equal batch: for pickling, deep copies and spawned processes."""
         kept = {k: v for k, v in vars(self).items() if k not in ("_replicas", "_use", "_frames")}
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
-        return {**kept, "making": making, "snapshot": self.snapshot()}
+        return {**kept, "making": making, "pixels": self.pixels, "snapshot": self.snapshot()}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         snapshot, making = as_snapshot(state.pop("snapshot")), state.pop("making")
+        pixels = state.pop("pixels")
         assert isinstance(making, tuple)
+        assert isinstance(pixels, Pixels | None)
         single, num_envs, num_threads = making
         vars(self).update(state)
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
-        self._frames = Frames.of(self.pixels, self._replicas)
+        self._frames = Frames.of(pixels, self._replicas)
         diverged, has_observed = self.diverged.copy(), self._has_observed.copy()
         self.restore(snapshot)
         self.diverged, self._has_observed = diverged, has_observed
@@ -496,51 +394,60 @@ class BatchEnvironment(Lockstep):
         return origin_of(self._task, self._replicas.physics, self._saved_fields, pixels)
 
     def single_action_spec(self) -> specs.BoundedArray:
-        """The spec of one row's action."""
+        """See `Batch`."""
         return self._task.action_spec(self._replicas.single)
 
     def observation_spec(self) -> Mapping[str, specs.Array]:
-        """The specs of the observations of all rows, (num_envs, ...) each."""
+        """See `Batch`."""
         with arrays.rows_of_a_batch(self.num_envs):
             spec = observations.specs_of(self._state(self._mask([])))
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
     def step_limit(self) -> float:
-        """Steps per episode; infinite without a limit."""
+        """See `Batch`."""
         return self._counter.step_limit
 
     @step_limit.setter
     def step_limit(self, limit: float) -> None:
         if self._stagger is not None:
-            check_limit(limit)
-            self._counter.limits = np.full(self.num_envs, limit)
+            self._counter.limits = np.full(self.num_envs, check_limit(limit))
         self._counter.step_limit = limit
 
     def draw_every(self, steps: int) -> None:
-        """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
+        """See `Batch`."""
         if self._frames is not None:
             self._frames.interval = guards.at_least_one("steps", steps)
 
     @property
     def timed_out(self) -> np.ndarray:
-        """Mask of rows whose last step reached the time limit, (num_envs,)."""
+        """See `Batch`."""
         return self._begins & self._counter.at_limit & ~self.diverged
 
     @property
     def success(self) -> np.ndarray | None:
-        """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
-        terms = self.reward_terms if self._action_repeat == 1 else self._last_terms
+        """See `Batch`."""
+        terms = self._reward_terms if self._action_repeat == 1 else self._last_terms
         success = success_of(self._task, terms)
         return None if success is None else np.asarray(success)
 
     @property
-    def name(self) -> str:
-        """The task's name, such as 'humanoid:walk'; its class's for a task outside the suite."""
-        return self._name or type(self._task).__name__
+    def reward_terms(self) -> dict[str, Quantity]:
+        """See `Batch`."""
+        return self._reward_terms
+
+    @property
+    def randomization(self) -> dict[str, np.ndarray]:
+        """See `Batch`."""
+        return self._randomization
+
+    @property
+    def pixels(self) -> Pixels | None:
+        """See `Batch`."""
+        return None if self._frames is None else self._frames.pixels
 
     def control_timestep(self) -> float:
-        """Time between two actions, seconds."""
+        """See `Batch`."""
         self._use.check()
         return self._replicas.single.timestep() * self._n_sub_steps
 
@@ -569,7 +476,7 @@ class BatchEnvironment(Lockstep):
             task._random = self._streams.own[row]
             if self._randomizer is not None:
                 drawn = self._randomizer.draw(self._streams.beside[row])
-                show_drawn(self.randomization, drawn, row, self.num_envs)
+                show_drawn(self._randomization, drawn, row, self.num_envs)
                 replicas.simulation.set_fields(drawn, row)
             with replicas.episode(row) as one, self._memory.of_row(row, one):
                 task.initialize_episode(one)
@@ -593,7 +500,7 @@ class BatchEnvironment(Lockstep):
         """The limits of rows as a snapshot holds them."""
         if self._stagger is None or self._counter.limits is None:
             return None
-        return np.stack([self._counter.limits[rows], self._stagger.shares[rows]], axis=-1)
+        return self._stagger.with_limits(self._counter.limits, rows)
 
     def _set_limits(self, rows: np.ndarray, saved: np.ndarray | None) -> None:
         if self._stagger is None or self._counter.limits is None:
@@ -673,11 +580,22 @@ class BatchEnvironment(Lockstep):
             raise ValueError(f"get_observation of task {task} lacks {missing}, unlike before")
 
 
-def _copy_of(env: control.Environment) -> Task:
-    """A deep copy of an environment's task, which does not hold a copy of the physics."""
-    try:
-        check_copies(env, is_vectorised=True)
-    except TypeError as error:
-        raise NotVectorised(str(error)) from error
+def _task_of(env: control.Environment, proved: bool) -> Task:
+    """The task of all rows, as before its first episode; a copy without a copy of the physics.
+
+    Raises:
+      NotVectorised: it cannot be copied.
+    """
     memo: dict[int, object] = {id(env): env, id(env.physics): env.physics}
-    return copy.deepcopy(env.task, memo)
+    if not proved:
+        try:
+            check_copies(env, is_vectorised=True)
+        except TypeError as error:
+            raise NotVectorised(str(error)) from error
+    task = copy.copy(env.task) if proved else copy.deepcopy(env.task, memo)
+    for name, value in env._first_values().items():
+        setattr(task, name, value)
+    if getattr(task, "visualize_reward", False):
+        # The rows share the colours of materials. (Only `base.Task` has the attribute.)
+        task.visualize_reward = False
+    return task

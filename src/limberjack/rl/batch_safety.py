@@ -32,7 +32,6 @@ from limberjack.mujoco.fields import fields_of_rows
 from limberjack.mujoco.replicas import Replicas
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_errors import Finding, NotVectorised, explained
-from limberjack.rl.batch_measurements import MEASUREMENT, measurements_of
 from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import difference
 from limberjack.rl.episode_attributes import EpisodeAttributes, advice
@@ -41,8 +40,8 @@ from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.shared_streams import fingerprint, put_back_after
-from limberjack.rl.stream_fields import set_stream_fields
-from limberjack.rl.watch import Watch
+from limberjack.rl.streams import set_stream_fields
+from limberjack.rl.watch import MEASUREMENT, Watch, measurements_of
 from limberjack.utils import arrays
 from limberjack.utils.suggest import did_you_mean
 
@@ -201,28 +200,23 @@ class _Trial:
         alone = _copied(self._task)
         one, values = self._begin(alone, row, row, randomizer)
         self._starts[row] = values_of(alone)
-        if randomizer is not None:
-            one.simulation.set_constants()
-            values = self._values(one)
         try:
             with Watch(alone, one, self._declared) as watch:
                 one.after_reset()
                 yield _copies(self._seen(alone, one, is_step=False, watch=watch))
                 for action in actions:
-                    self._step_alone(alone, one, action, n_sub_steps, watch)
+                    self._step(alone, one, action, n_sub_steps, watch)
                     yield _copies(self._seen(alone, one, is_step=True, watch=watch))
             self._check_model(one, values, "during a step")
             if row == _BEGINS_AGAIN:
                 start = rows.start_of(row)
                 one, _ = self._begin(alone, row, _SECOND_START, randomizer)
                 self._starts_again = values_of(alone)
-                if randomizer is not None:
-                    one.simulation.set_constants()
-                self._second_start, again = rows.start_of(row), start
-                rows.set_start(row, again)
+                self._second_start = rows.start_of(row)
+                rows.set_start(row, start)
                 one.after_reset()
             for step in range(_MORE_STEPS):
-                self._step_alone(alone, one, actions[step % _STEPS], n_sub_steps)
+                self._step(alone, one, actions[step % _STEPS], n_sub_steps)
             yield _copies(self._seen(alone, one, is_step=True))
         except PhysicsError:
             return
@@ -247,24 +241,32 @@ class _Trial:
             keep_own(task, self._declared)
             self._check_global_stream("initialize_episode")
             self._check_model(one, values, "as an episode begins")
+        if randomizer is not None:
+            one.simulation.set_constants()
+            values = self._values(one)
         return one, values
 
-    def _step_alone(
+    def _step(
         self,
         task: Task,
-        one: SimulatedPhysics,
+        physics: SimulatedPhysics,
         action: np.ndarray,
         n_sub_steps: int,
         watch: Watch | None = None,
+        running: np.ndarray | None = None,
     ) -> None:
-        self._rewind(task)
-        task.before_step(action.copy(), one)
-        keep_own(task, self._declared)
-        self._check_hook(watch, "before_step")
-        one.step(n_sub_steps)
-        self._rewind(task)
-        task.after_step(one)
-        self._check_hook(watch, "after_step")
+        """Makes a control step, in a single simulation or in some rows, None for all."""
+        read: Physics = physics  # pyright: ignore[reportAssignmentType] (implements both)
+        steps = None if running is None else np.isin(np.arange(self._num_rows), running)
+        with self._hook("before_step", task, watch, steps):
+            task.before_step(action.copy(), read)
+        if task is self._task:
+            self._rows.step(running, n_sub_steps)
+        else:
+            keep_own(task, self._declared)
+            physics.step(n_sub_steps)
+        with self._hook("after_step", task, watch, steps):
+            task.after_step(read)
 
     def play_together(
         self, actions: np.ndarray, n_sub_steps: int, expected: list[_Record], looks_again: bool
@@ -285,7 +287,7 @@ class _Trial:
         with arrays.rows_of_a_batch(self._num_rows):
             yield self._seen(task, batch, is_step=False, expected=expected[0])
             for action in actions:
-                self._step_together(action, n_sub_steps, None)
+                self._step(task, batch, action, n_sub_steps)
                 yield self._seen(task, batch, is_step=True, expected=expected[0])
             if not looks_again:
                 return
@@ -294,20 +296,8 @@ class _Trial:
             rows.start(np.array([_BEGINS_AGAIN]))
             running = np.array([row for row in range(self._num_rows) if row != _LEFT_OUT])
             for step in range(_MORE_STEPS):
-                self._step_together(actions[step % _STEPS], n_sub_steps, running)
+                self._step(task, batch, actions[step % _STEPS], n_sub_steps, running=running)
             yield self._seen(task, batch, is_step=True, expected=expected[0])
-
-    def _step_together(
-        self, action: np.ndarray, n_sub_steps: int, running: np.ndarray | None
-    ) -> None:
-        task, rows = self._task, self._rows
-        self._rewind(task)
-        steps = None if running is None else np.isin(np.arange(self._num_rows), running)
-        with self._hook("before_step", rows=steps):
-            task.before_step(action.copy(), rows.physics)
-        rows.step(running, n_sub_steps)
-        with self._hook("after_step", rows=steps):
-            task.after_step(rows.physics)
 
     def _seen(
         self,
@@ -334,32 +324,26 @@ class _Trial:
         measured.clear()
         seen = self._state(physics, is_batch)
         if is_step:
-            self._rewind(task)
             # After an underflow the reward would be computed, and its methods called, once more.
-            with self._hook("get_reward", is_batch), np.errstate(under="ignore"):
+            with self._hook("get_reward", task, watch), np.errstate(under="ignore"):
                 reward, terms = reward_and_terms(task, read)
-            self._check_hook(watch, "get_reward")
             seen["the reward"] = reward
             seen |= {f"reward term {name!r}": value for name, value in terms.items()}
             with explained("is_success", self._name, self._num_rows, is_batch):
                 success = success_of(task, terms)
             if success is not None:
                 seen["is_success"] = success
-        self._rewind(task)
-        with self._hook("get_observation", is_batch, expected=list(expected or ())):
+        with self._hook("get_observation", task, watch, expected=list(expected or ())):
             observation = task.get_observation(read)
             if not isinstance(observation, Mapping):
                 raise TypeError(
                     f"get_observation of task {self._name} returned {observation!r}; expected a "
                     "mapping from names to arrays"
                 )
-        self._check_hook(watch, "get_observation")
         seen |= {f"observation {name!r}": value for name, value in observation.items()}
         if is_step:
-            self._rewind(task)
-            with self._hook("get_termination", is_batch):
+            with self._hook("get_termination", task, watch):
                 ending = task.get_termination(read)
-            self._check_hook(watch, "get_termination")
             seen["get_termination"] = np.nan if ending is None else ending
         if not is_batch:
             keep_own(task, self._declared)
@@ -371,25 +355,32 @@ class _Trial:
     def _hook(
         self,
         hook: str,
-        is_batch: bool = True,
+        task: Task,
+        watch: Watch | None = None,
         rows: np.ndarray | None = None,
         expected: Sequence[str] = (),
     ) -> Iterator[None]:
-        """A context for a hook, in which errors in a batch are explained.
+        """A context for a hook, which begins with the random stream in the same state.
+
+        In a batch errors are explained; in a single simulation they are the user's own, and the
+        hook must not draw or remember anything.
 
         Args:
           hook: its name.
-          is_batch: whether it is called for all rows, each of which has its own memory.
+          task: the batch's, or a copy for a single simulation.
+          watch: of a single simulation; None if it is not watched.
           rows: mask of rows for which it counts; None for all.
           expected: labels of a single simulation's quantities, in order.
         """
-        what = "the reward" if hook == "get_reward" else hook
-        if not is_batch:  # whose errors are the user's own
+        self._rewind(task)
+        if task is not self._task:
             yield
+            self._check_hook(watch, hook)
             return
+        what = "the reward" if hook == "get_reward" else hook
         with (
             self._memory.during(hook, self._rows.physics, rows),
-            explained(what, self._name, self._num_rows, is_batch, expected),
+            explained(what, self._name, self._num_rows, expected=expected),
         ):
             yield
 
@@ -404,19 +395,14 @@ class _Trial:
 
     def compare(self, found: _Record, expected: _Record, row: int, step: int) -> None:
         """Raises ValueError if a row differs from its single simulation."""
-        for label, value in expected.items():
+        for label in [*expected, *(name for name in found if name not in expected)]:
             finding = Finding(label, self._name, row, step, self._num_rows)
-            if label.startswith(MEASUREMENT):
-                if label in found:
-                    finding.check_measurement(found[label], value)
-                continue
-            if label not in found:
-                raise finding.missing(sorted(found))
-            finding.check(found[label], value)
-        for label in found:
-            if label not in expected and not label.startswith(MEASUREMENT):
-                finding = Finding(label, self._name, row, step, self._num_rows)
-                raise finding.surplus()
+            if label in found and label in expected:
+                is_measured = label.startswith(MEASUREMENT)
+                check = finding.check_measurement if is_measured else finding.check
+                check(found[label], expected[label])
+            elif not label.startswith(MEASUREMENT):
+                raise finding.surplus() if label in found else finding.missing(sorted(found))
 
     def check_large_fields(self) -> None:
         """Raises ValueError if a large model field was set, such as the pixels of textures."""
@@ -492,13 +478,12 @@ class _Trial:
 
 def _check_returned(task: str, seen: Mapping[str, object]) -> None:
     """Raises TypeError or ValueError unless the hooks of a single simulation return numbers."""
-    hooks = {"the reward": "get_reward", "is_success": "is_success"}
-    hooks["get_termination"] = "get_termination"
     for label, value in seen.items():
-        is_term, is_observed = label.startswith("reward term"), label.startswith("observation ")
-        if label not in hooks and not is_term and not is_observed:
+        is_observed = label.startswith("observation ")
+        hooks = "the reward", "reward term", "is_success", "get_termination"
+        if not is_observed and not label.startswith(hooks):
             continue
-        name = hooks.get(label, label)
+        name = "get_reward" if label == "the reward" else label
         array = np.asarray(value)
         if array.dtype.kind not in "fiub":
             raise TypeError(

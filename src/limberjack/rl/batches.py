@@ -13,7 +13,6 @@ give other numbers than single environments, the rows are complete environments;
 from collections.abc import Mapping, Sequence
 
 import dm_env
-import numpy as np
 
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batch_contract import Batch
@@ -23,11 +22,10 @@ from limberjack.rl.builds import Build, Make, is_stable
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import difference
 from limberjack.rl.episode_values import declared
-from limberjack.rl.guards import at_least_one, raises_on_divergence, yes_or_no
+from limberjack.rl.guards import at_least_one, first_seed
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.log import log
-from limberjack.utils.seeds import checked_seed
 
 __all__ = ["NOT_VECTORISED", "batch_of", "vectorisable"]
 
@@ -61,7 +59,7 @@ def batch_of(
       action_repeat: control steps per action; None for the environment's own. See
         `control.Environment.step`.
       stagger: end the first episode of each row after a random number of steps, so that rows do not
-        end together; see `limberjack.rl.stagger`.
+        end together; see `limberjack.rl.streams`.
 
     Raises:
       ValueError: a number is out of range; or `vectorised` is True and the task cannot be
@@ -71,16 +69,9 @@ def batch_of(
       MemoryError: this many rows do not fit into memory.
     """
     num_envs = at_least_one("num_envs", num_envs)
-    raises_on_divergence(on_divergence)
     if vectorised not in (None, True, False):
         raise ValueError(f"vectorised is {vectorised!r}; expected None, True or False")
-    if num_threads is not None:
-        at_least_one("num_threads", num_threads)
-    if action_repeat is not None:
-        at_least_one("action_repeat", action_repeat)
-    yes_or_no("stagger", stagger)
-    first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
-    checked_seed(first + num_envs - 1)
+    first = first_seed(seed, num_envs)
     try:
         if contexts is not None:
             raise NotVectorised("contexts were given, with which each row is made by itself")

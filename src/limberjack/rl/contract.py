@@ -83,6 +83,9 @@ class Physics(abc.ABC):
 class Simulation(Protocol):
     """The parts of `limberjack.mujoco.simulation.Simulation` that snapshots need."""
 
+    # Whether model constants must be recomputed (mj_setConst) after episodes set fields.
+    sets_constants: bool
+
     def save(self, rows: np.ndarray | None, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """Everything that the future of rows depends on, by name, (n, ...) each."""
         ...

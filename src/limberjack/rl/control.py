@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 from dm_env import specs
 
-from limberjack.rl import actions
+from limberjack.rl import action_specs
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import (
     check_copies,
@@ -50,12 +50,10 @@ from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
-from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
-from limberjack.rl.streams import stream_of
+from limberjack.rl.streams import check_not_randomized, set_stream_fields, stream_of
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
-    "ATTRIBUTES",
     "FLAT_OBSERVATION_KEY",
     "Environment",
     "Physics",
@@ -65,50 +63,33 @@ __all__ = [
     "flatten_observation",
 ]
 
-# The attributes of a plain environment; a subclass or its user may add others.
-ATTRIBUTES = frozenset(
-    [
-        *(
-            "_action_repeat",
-            "_closed",
-            "_draws",
-            "_first",
-            "_flat_observation",
-            "_frames",
-            "_n_sub_steps",
-            "_name",
-        ),
-        *(
-            "_last_terms",
-            "_physics",
-            "_randomizer",
-            "_reset_next_step",
-            "_reward_so_far",
-            "_seeded",
-            "_step_count",
-            "_step_limit",
-        ),
-        *("_task", "_use", "randomization", "registration", "reward_terms"),
-    ]
-)
-
 _MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST  # read faster than from the enum
 
 
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
 
-    # Class attributes, because programs subclass it without calling `__init__`.
-    _closed = False
+    # With values, because programs subclass it without calling `__init__`. The annotations are the
+    # attributes of a plain environment; a subclass or its user may add others.
+    _task: Task
+    _physics: Physics
+    _flat_observation: bool
+    _n_sub_steps: int
+    _step_limit: float
+    _step_count: int
+    _reset_next_step: bool
+    reward_terms: dict[str, Quantity]  # of the last step, by name
+    randomization: dict[str, np.ndarray]  # drawn for this episode, by field
+    _closed: bool = False
     _randomizer: Randomizer | None = None
     # The suite's record of the domain, which makes unpickling import the domain's module.
     registration: object = None
-    _name = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
+    _name: str = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
     _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
     # The task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
     _first: Mapping[str, object] | None = None
-    _action_repeat = 1
+    _action_repeat: int = 1
     _last_terms: Mapping[str, Quantity] | None = None  # of the last of several control steps
     _reward_so_far: Quantity = 0.0  # of a step's control steps, also of one that diverges
     # The task's stream, and the stream derived from it that model fields are drawn from.
@@ -166,7 +147,7 @@ class Environment(dm_env.Environment):
             self._n_sub_steps = compute_n_steps(control_timestep, physics.timestep())
         else:
             self._n_sub_steps = 1
-        self._step_limit = float("inf")
+        self._step_limit = math.inf
         if time_limit != float("inf"):
             self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
         physics.legacy_step = legacy_step
@@ -178,8 +159,7 @@ class Environment(dm_env.Environment):
             check_not_randomized(task, self._randomizer.fields)
             self._simulated.recompute_constants_of(self._randomizer.fields)
         self._frames = Frames.of(pixels, self._simulated)
-        self.reward_terms: dict[str, Quantity] = {}  # of the last step, by name
-        self.randomization: dict[str, np.ndarray] = {}  # drawn for this episode, by field
+        self.reward_terms, self.randomization = {}, {}
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
@@ -241,7 +221,7 @@ class Environment(dm_env.Environment):
         finally:
             use.leave()
 
-    # A control step in parts, between which the physics is stepped; see `limberjack.rl.row_phases`.
+    # A control step in parts, between which the physics is stepped; see `limberjack.rl.row_step`.
 
     @property
     def _steps_in_parts(self) -> bool:
@@ -261,47 +241,34 @@ class Environment(dm_env.Environment):
         self._reset_next_step = True  # until the step is complete
 
     def _end_control_step(self, number: int) -> dm_env.TimeStep | None:
-        """Ends a control step; returns the action's time step after its last one, else None."""
-        if self._action_repeat != 1:
-            return self._end_repeated_step(number)
-        physics, task = self._physics, self._task
-        task.after_step(physics)
-        reward, self.reward_terms = reward_and_terms(task, physics)
-        observation = task.get_observation(physics)
-        if self._flat_observation or self._frames is not None:
-            observation = self._in_form(observation)
-        self._step_count += 1
-        at_limit = self._step_count >= self._step_limit
-        discount = 1.0 if at_limit else task.get_termination(physics)
-        if getattr(task, EPISODE_ATTRIBUTES, None):
-            self._keep_own()
-        if discount is not None and not np.all(discount != discount):  # None or NaN: go on
-            return dm_env.TimeStep(_LAST, reward, discount, observation)
-        self._reset_next_step = False
-        return dm_env.TimeStep(_MID, reward, 1.0, observation)
+        """Ends a control step; returns the action's time step after its last one, else None.
 
-    def _end_repeated_step(self, number: int) -> dm_env.TimeStep | None:
-        """Like `_end_control_step`, with rewards and terms summed over the action's steps."""
+        Rewards and their terms are summed over the steps of a repeated action.
+        """
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
-        state = task.get_observation(physics)
-        self._reward_so_far = self._reward_so_far + reward
-        sums = self.reward_terms
-        self.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
-        self._last_terms = terms
+        if self._action_repeat != 1:
+            reward = self._reward_so_far = self._reward_so_far + reward
+            sums, self._last_terms = self.reward_terms, terms
+            terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
+        self.reward_terms = terms
+        observation = task.get_observation(physics)
         self._step_count += 1
         at_limit = self._step_count >= self._step_limit
         ending = 1.0 if at_limit else task.get_termination(physics)
-        self._keep_own()
+        if getattr(task, EPISODE_ATTRIBUTES, None):
+            self._keep_own()
+        # None or NaN: the episode continues.
         is_last = ending is not None and not np.all(ending != ending)
         if not is_last and number + 1 < self._action_repeat:
             return None
-        observation = self._in_form(state)
-        self._reset_next_step = is_last
-        step_type = _LAST if is_last else _MID
-        discount = ending if is_last else 1.0
-        return dm_env.TimeStep(step_type, self._reward_so_far, discount, observation)
+        if self._flat_observation or self._frames is not None:
+            observation = self._in_form(observation)
+        if is_last:
+            return dm_env.TimeStep(_LAST, reward, ending, observation)
+        self._reset_next_step = False
+        return dm_env.TimeStep(_MID, reward, 1.0, observation)
 
     def action_spec(self) -> Nested:
         """Spec of valid actions."""
@@ -317,8 +284,8 @@ class Environment(dm_env.Environment):
             spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
             # An observation is computed only for its form: the task must not remember it.
-            with stand_in(self._task, self._physics) as task:
-                spec = specs_of(self._seen_by(task))
+            with stand_in(self._task, self._physics):
+                spec = specs_of(self._seen())
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
@@ -447,9 +414,10 @@ class Environment(dm_env.Environment):
         self._check_open()
         if self._first is None:
             self._first = self._first_values()
-        if as_snapshot(snapshot).copies:
-            snapshot.check(Snapshot.origin_of_copy(self), size=1)
-            snapshot.check_copies(is_plain=difference(self) is None)
+        is_copy = bool(as_snapshot(snapshot).copies) or difference(self) is not None
+        own = Snapshot.of_copy(self) if is_copy else self.snapshot()
+        snapshot.check_all(own, 1, math.inf if is_copy else self._step_limit)
+        if is_copy:
             kept = copied(snapshot.copies[0])
             with self._use:
                 vars(self).clear()
@@ -457,11 +425,6 @@ class Environment(dm_env.Environment):
                 if snapshot.resets.any():
                     self._reset_next_step = True
             return
-        own = self.snapshot()
-        snapshot.check(own.origin, size=1)
-        snapshot.check_copies(is_plain=not own.copies)
-        snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
-        snapshot.check_length(self._step_limit)
         with self._use:
             self._reset_next_step = True  # until it is complete
             self._simulated.simulation.load(snapshot.physics)
@@ -523,8 +486,8 @@ class Environment(dm_env.Environment):
 
     def present_observation(self) -> Mapping[str, Quantity]:
         """The observation of the present state, computed again without a trace in the task."""
-        with stand_in(self._task, self._physics) as task:
-            observation = self._seen_by(task)
+        with stand_in(self._task, self._physics):
+            observation = self._seen()
         if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation, is_step=False)
@@ -565,8 +528,9 @@ class Environment(dm_env.Environment):
         vars(self).update(state)
         if isinstance(exact, tuple):
             kind, described = exact
-            self._physics = kind.__new__(kind)
-            self._physics.become(described)
+            physics = kind.__new__(kind)
+            physics.become(described)
+            self._physics = physics
 
     def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
@@ -605,21 +569,20 @@ class Environment(dm_env.Environment):
         if self._closed:
             raise RuntimeError("this environment is closed: load or construct a new one")
 
-    def _observe(self, draws: bool = True) -> Mapping[str, Quantity]:
+    def _observe(self) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
-        observation = self._task.get_observation(self._physics)
-        return self._in_form(observation, draws)
+        return self._in_form(self._task.get_observation(self._physics))
 
-    def _in_form(self, state: Mapping[str, Quantity], draws: bool = True) -> Mapping[str, Quantity]:
+    def _in_form(self, state: Mapping[str, Quantity]) -> Mapping[str, Quantity]:
         """The task's observation, flat if wanted, and with a new picture."""
         observation = flatten_observation(state) if self._flat_observation else state
-        if self._frames is None or not draws:
+        if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation)
 
-    def _seen_by(self, task: Task) -> Mapping[str, Quantity]:
-        """The observation of a task, without pictures."""
-        observation = task.get_observation(self._physics)
+    def _seen(self) -> Mapping[str, Quantity]:
+        """The task's observation, without pictures."""
+        observation = self._task.get_observation(self._physics)
         return flatten_observation(observation) if self._flat_observation else observation
 
     def _check_action(self, action: object) -> None:
@@ -631,18 +594,19 @@ class Environment(dm_env.Environment):
         if type(action) is np.ndarray and action.dtype.char in "df":
             # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():
-                actions.check_finite(action)
+                action_specs.check_finite(action)
             return
         try:
-            given = actions.as_numbers(getattr(action, "continuous_actions", action))
+            given = action_specs.as_numbers(getattr(action, "continuous_actions", action))
         except (TypeError, ValueError):
             if isinstance(self._task.action_spec(self._physics), specs.Array):
                 raise
             return
-        actions.check_finite(given)
+        action_specs.check_finite(given)
 
 
-set_plain(Environment, ATTRIBUTES)
+# `_use` is created on first use.
+set_plain(Environment, frozenset(Environment.__annotations__) | {"_use"})
 
 
 def compute_n_steps(

@@ -8,7 +8,6 @@ A state is a mapping with some of 'qpos', 'qvel' and 'act', or a `Snapshot` of a
 still running. `set_state` of an environment and `set_states` of a batch set it.
 """
 
-import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,11 +16,9 @@ from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
-    "check_form",
     "check_snapshot",
     "checked_state",
     "checked_states",
-    "rows_of",
     "state_sizes",
 ]
 
@@ -123,9 +120,7 @@ def check_snapshot(
       ValueError: the task, model, version, size or an array differs; or an episode has ended, has
         diverged, or has reached the step limit.
     """
-    snapshot.check(own.origin, size)
-    check_form(snapshot, own)
-    snapshot.check_length(step_limit)
+    snapshot.check_all(own, size, step_limit)
     if snapshot.begins.any():
         raise ValueError(
             f"the snapshot holds no running episode in {_where(snapshot.begins, named)}: take it "
@@ -140,38 +135,6 @@ def check_snapshot(
             f"the state of the snapshot has diverged in {_where(np.asarray(bad), named)}: take it "
             "before that; nothing was reset"
         )
-
-
-def check_form(snapshot: Snapshot, own: Snapshot) -> None:
-    """Raises ValueError unless the arrays, streams and copies are like those of another snapshot.
-
-    Args:
-      snapshot: the snapshot that is given.
-      own: a snapshot of the environment or batch to restore it into, of any number of rows.
-    """
-    snapshot.check_copies(not own.copies)
-    if not snapshot.copies:
-        snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
-
-
-def rows_of(snapshot: Snapshot, rows: np.ndarray) -> Snapshot:
-    """The part of a snapshot that holds some of its environments.
-
-    Args:
-      snapshot: a snapshot whose arrays were checked.
-      rows: their numbers in the snapshot, (n,).
-    """
-    parts = {}
-    for field in dataclasses.fields(snapshot):
-        value = getattr(snapshot, field.name)
-        # An empty array or list stands for nothing, whatever the size.
-        if isinstance(value, np.ndarray):
-            parts[field.name] = value[rows] if len(value) else value
-        elif isinstance(value, list):
-            parts[field.name] = [value[row] for row in rows] if value else []
-        elif isinstance(value, dict) and field.name != "origin":
-            parts[field.name] = {name: array[rows] for name, array in value.items()}
-    return dataclasses.replace(snapshot, **parts)
 
 
 _EXPECTED = f"expected finite numbers from -{_MAX_VALUE:g} to {_MAX_VALUE:g}; nothing was reset"

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from dm_env import specs
 
-from limberjack.rl.actions import as_numbers, not_finite
+from limberjack.rl.action_specs import as_numbers, not_finite
 from limberjack.utils.seeds import checked_seed
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "batched_spec",
     "check_actions",
     "check_memory",
+    "first_seed",
     "raises_on_divergence",
     "streams_of_seeds",
     "yes_or_no",
@@ -170,6 +171,17 @@ def as_rows(ids: object, num_envs: int) -> np.ndarray:
     if np.any(np.diff(rows) <= 0):
         raise ValueError(f"rows are {ids!r}; expected sorted numbers without repeats")
     return rows
+
+
+def first_seed(seed: int | None, count: int) -> int:
+    """The seed of the first of several rows; an arbitrary one for None.
+
+    Raises:
+      TypeError, ValueError: the first or the last seed is invalid: see `checked_seed`.
+    """
+    first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
+    checked_seed(first + count - 1)
+    return first
 
 
 def streams_of_seeds(

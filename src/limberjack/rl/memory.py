@@ -104,24 +104,22 @@ def _check_complete(
                     )
 
 
-def put_back(memory: Memory, task: object, physics: object, is_complete: bool = True) -> None:
-    """Sets the attributes to copies of remembered ones.
+def put_back(memory: Memory, task: object, physics: object) -> None:
+    """Sets the attributes to copies of remembered ones, and removes others.
 
     Args:
       memory: the result of `remembered`, or a part of it.
       task: the task.
       physics: its physics.
-      is_complete: whether attributes that were not remembered are removed.
     """
     if not memory:
         return
     memory = copy.deepcopy(dict(memory), _memo(task, physics))
     for key, owner in (("task", task), ("physics", physics)):
         attributes = memory.get(key, {})
-        if is_complete:
-            for name in _kept(task, physics)[key]:
-                if name not in attributes:
-                    delattr(owner, name)
+        for name in _kept(task, physics)[key]:
+            if name not in attributes:
+                delattr(owner, name)
         for name, value in attributes.items():
             # Not through a property or a `__setattr__` of the class, which may do more.
             object.__setattr__(owner, name, value)
@@ -129,38 +127,32 @@ def put_back(memory: Memory, task: object, physics: object, is_complete: bool = 
 
 @contextlib.contextmanager
 def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
-    """A copy of a task for a call that leaves no trace in the task, its stream or its physics.
+    """A context in which calls of a task leave no trace in the task, its stream or its physics.
 
-    An attribute that cannot be copied is shared with the task. The suite's own tasks, which
-    remember nothing, are used themselves.
+    An attribute that cannot be copied is used itself. The suite's own tasks remember nothing.
     """
     if is_of_the_suite(task, physics):
         yield task
         return
-    memo = {id(one): one for one in (physics, *(getattr(physics, "__dict__", {}).values()))}
-    twin = _copied_as_far_as_possible(task, memo)
-    before = _copies_of(_of_physics(physics), dict(memo))
+    kept = {id(owner): dict(attributes) for owner, attributes in _owned(task, physics)}
+    stay = (task, physics, *getattr(physics, "__dict__", {}).values())
+    memo: dict[int, object] = {id(one): one for one in stay}
     try:
-        yield twin
+        for owner, attributes in _owned(task, physics):
+            for name, value in _copies_of(attributes, memo).items():
+                object.__setattr__(owner, name, value)
+        yield task
     finally:
-        for name in _of_physics(physics).keys() - before.keys():
-            delattr(physics, name)
-        for name, value in before.items():
-            object.__setattr__(physics, name, value)
+        for owner, attributes in _owned(task, physics):
+            for name in attributes.keys() - kept[id(owner)].keys():
+                delattr(owner, name)
+            for name, value in kept[id(owner)].items():
+                object.__setattr__(owner, name, value)
 
 
-def _copied_as_far_as_possible(task: _Task, memo: dict[int, object]) -> _Task:
-    try:
-        twin = copy.copy(task)
-    except Exception:  # of any class: it is the user's object
-        return task
-    memo[id(task)] = twin
-    attributes = attributes_of(task)
-    replaced = set(_shadowed(type(task), attributes))  # methods, which are called as they are
-    copied = {name: value for name, value in attributes.items() if name not in replaced}
-    for name, value in _copies_of(copied, memo).items():
-        object.__setattr__(twin, name, value)
-    return twin
+def _owned(task: object, physics: object) -> list[tuple[object, dict[str, object]]]:
+    """The task and its physics, each with its attributes."""
+    return [(task, attributes_of(task)), (physics, _of_physics(physics))]
 
 
 def _copies_of(attributes: Mapping[str, object], memo: dict[int, object]) -> dict[str, object]:

@@ -1,7 +1,7 @@
 """`Trial`: an environment that is examined before the rows of a batch are made.
 
     trial = Trial(build, seed=0, context={}, num_envs=16)
-    trial.observation_spec, trial.action_spec, trial.draws_globally
+    trial.form.observation_spec, trial.form.action_spec, trial.draws_globally
     trial.compare(env, row=3, context={})       # raises unless the row has the same specs
     trial.close()
 
@@ -11,10 +11,11 @@ environments share. The environment is not one of the rows.
 
 import collections
 import contextlib
+import dataclasses
 import math
 import random
 from collections.abc import Callable, Iterator, Mapping
-from typing import cast
+from typing import Self, cast
 
 import dm_env
 import numpy as np
@@ -30,6 +31,7 @@ from limberjack.rl.shared_streams import GLOBAL_STREAMS, drawn_from
 from limberjack.utils.log import log
 
 __all__ = [
+    "Form",
     "Trial",
     "control_timestep_of",
     "draws_globally",
@@ -39,6 +41,34 @@ __all__ = [
 ]
 
 _TRIAL_STEPS = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Form:
+    """The properties of an environment of any class that rows must have in common.
+
+    Attributes:
+      action_spec: see `action_specs.spec_of`.
+      observation_spec: of each observation, by name.
+      control_timestep: time between two control steps, seconds; NaN if it is not reported.
+      action_repeat: control steps per action.
+    """
+
+    action_spec: specs.BoundedArray
+    observation_spec: Mapping[str, specs.Array]
+    control_timestep: float
+    action_repeat: int
+
+    @classmethod
+    def of(cls, env: dm_env.Environment, name: str) -> Self:
+        """The form of an environment; `name` is that of its class, or of what makes it.
+
+        Raises:
+          TypeError, ValueError: its actions or observations are of another kind than arrays.
+        """
+        repeat: int = getattr(control_of(env), "action_repeat", 1)
+        observed = observation_specs(env, name)
+        return cls(spec_of(env), observed, control_timestep_of(env), repeat)
 
 
 class Trial:
@@ -53,13 +83,10 @@ class Trial:
         self._env = env
         self._parts = {id(one): one for one in parts_of(env).values()}
         try:
-            self.action_spec = spec_of(env)
-            self.observation_spec = observation_specs(env, build.name)
+            self.form = Form.of(env, build.name)
             self._check_memory(env, num_envs)
-            self.control_timestep = control_timestep_of(env)
-            self.action_repeat: int = getattr(control_of(env), "action_repeat", 1)
             before = model_of(env)
-            self.draws_globally = draws_globally(env, self.action_spec)
+            self.draws_globally = draws_globally(env, self.form.action_spec)
             self.edits_model = model_of(env) != before
             # Again: an environment that has edited its model keeps a copy, textures included.
             self._check_memory(env, num_envs)
@@ -82,12 +109,12 @@ class Trial:
             self._parts[id(one)] = one  # kept, so that no id is used twice
         named = _named(env.observation_spec())
         action = env.action_spec()
-        here, there = str(control_timestep_of(env)), str(self.control_timestep)  # of NaN, too
+        here, there = str(control_timestep_of(env)), str(self.form.control_timestep)  # of NaN, too
         found: list[tuple[str, object, object]] = [("control step", here, there)]
-        found += [("actions", _form(action), _form(self.action_spec))]
-        names = list(dict.fromkeys([*self.observation_spec, *named]))
+        found += [("actions", _form(action), _form(self.form.action_spec))]
+        names = list(dict.fromkeys([*self.form.observation_spec, *named]))
         for name in names:
-            pair = (_form(named.get(name)), _form(self.observation_spec.get(name)))
+            pair = (_form(named.get(name)), _form(self.form.observation_spec.get(name)))
             found.append((f"observation {name!r}", *pair))
         for what, here, expected in found:
             if here != expected:
@@ -101,7 +128,8 @@ class Trial:
         physics = getattr(control_of(env), "_physics", None)
         simulation = getattr(physics, "simulation", None)
         if simulation is None:
-            observed = [np.empty(spec.shape, spec.dtype) for spec in self.observation_spec.values()]
+            seen = self.form.observation_spec.values()
+            observed = [np.empty(spec.shape, spec.dtype) for spec in seen]
             guards.check_memory(num_envs, observed)
             return
         official = simulation.model._model

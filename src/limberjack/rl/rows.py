@@ -12,7 +12,7 @@ environments share: global random streams, class attributes, modules' globals an
 environment draws from a global stream, the rows are stepped on one thread, in order.
 
 A few threads step the rows. In plain environments they advance the simulation only, and the
-caller's thread runs the hooks (`limberjack.rl.row_phases`). A row whose episode has ended is
+caller's thread runs the hooks (`limberjack.rl.row_step`). A row whose episode has ended is
 stepped once more, which begins its next one, as dm_env specifies. A row that diverges ends with
 reward 0 and discount 0, and shows its last observation again. Any other error of a row is raised
 with the row's number once all threads have returned; every row then begins an episode with the next
@@ -24,10 +24,10 @@ to the row of a batch.
 
 import collections
 import copy
-import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from typing import Any, Self
 
 import dm_env
 import numpy as np
@@ -36,7 +36,8 @@ from dm_env import specs
 
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl import guards
-from limberjack.rl.batch_contract import Lockstep, RowNumbers
+from limberjack.rl.action_specs import in_shape
+from limberjack.rl.batch_contract import Batch, RowNumbers
 from limberjack.rl.builds import (
     Build,
     Make,
@@ -52,14 +53,12 @@ from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.pixels import Pixels
-from limberjack.rl.represented import Description, represented
-from limberjack.rl.row_phases import step_in_phases
-from limberjack.rl.row_step import RowStep, as_mapping
-from limberjack.rl.row_threads import RowErrors, RowThreads, interrupts, run
-from limberjack.rl.row_trial import Trial, model_of, noted
+from limberjack.rl.randomize import show_drawn
+from limberjack.rl.row_step import RowStep, as_mapping, step_in_phases
+from limberjack.rl.row_trial import Form, Trial, model_of, noted
 from limberjack.rl.snapshot import Snapshot, as_snapshot
-from limberjack.rl.stagger import Stagger, check_limit
-from limberjack.rl.threads import threads_for
+from limberjack.rl.streams import check_limit
+from limberjack.rl.threads import RowErrors, RowThreads, interrupts, run, threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.cores import usable_cores
@@ -71,7 +70,7 @@ __all__ = ["RowsEnvironment"]
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 
 
-class RowsEnvironment(Lockstep):
+class RowsEnvironment(Batch):
     """Complete single environments in lockstep; see the module's docstring."""
 
     _draw_interval = 1  # see `draw_every`
@@ -103,7 +102,7 @@ class RowsEnvironment(Lockstep):
           action_repeat: calls of `step` per action, stopped at the end of an episode, with the sum
             of their rewards; None for the environments' own.
           stagger: end the first episode of each row after a random number of steps; see
-            `limberjack.rl.stagger`.
+            `limberjack.rl.streams`.
           why_rows: the reason why the task is not vectorised.
 
         Raises:
@@ -111,49 +110,57 @@ class RowsEnvironment(Lockstep):
           TypeError: copies of the environment would share state, or `build` makes something else.
           MemoryError: this many rows do not fit into memory.
         """
-        self.num_envs: int = guards.at_least_one("num_envs", num_envs)
-        self.why_rows: str | None = why_rows
-        self._raises = guards.raises_on_divergence(on_divergence)
-        first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
-        checked_seed(first + self.num_envs - 1)
+        num_envs = guards.at_least_one("num_envs", num_envs)
+        first = guards.first_seed(seed, num_envs)
+        self.why_rows = why_rows
         self._build = Build.of(build)
-        contexts = _checked_contexts(contexts, self.num_envs, self._build)
-        threads = _threads(num_threads, self.num_envs)
-        trial = Trial(self._build, first, contexts[0] if contexts else {}, self.num_envs)
+        contexts = _checked_contexts(contexts, num_envs, self._build)
+        # It checks the memory, before any is taken.
+        trial = Trial(self._build, first, contexts[0] if contexts else {}, num_envs)
+        repeat = trial.form.action_repeat if action_repeat is None else action_repeat
+        super().__init__(num_envs, first, on_divergence, repeat, stagger)
         of_rows = contexts or [{}] * self.num_envs
         self.draws_globally: str | None = trial.draws_globally
-        threads = self._threads_for(threads)
-        self._observation_spec = trial.observation_spec
-        self._single_action_spec = trial.action_spec
-        self._action_spec = guards.batched_spec(trial.action_spec, self.num_envs)
-        self._control_timestep = trial.control_timestep
-        self._threads = RowThreads(self.num_envs, threads)
-        self._use = guards.OneUser("batch")
+        self._set_form(trial.form, self._threads_for(num_threads))
         # With contexts, each row is made again for another seed, since models may depend on both.
         stable = not any(of_rows) and is_stable(self._build, first)
-        self._seeds: list[int | None] = list(range(first, first + self.num_envs))
-        self._action_repeat = trial.action_repeat
-        if action_repeat is not None:
-            self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
-        self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
-        self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
-        self._rows: list[Seeded] = []
         self._make_rows(trial, of_rows, first, stable)
         self._num_physics_threads = self._threads_of_physics()
-        self._full_limits = [self._limit_of(row.environment) for row in self._rows]
+        self._set_counters()
         if stagger:
             check_limit(self.step_limit)
         models = [] if stable else [model_of(one) for one in self.environments]
         self._edits_models = trial.edits_model or any(one != models[0] for one in models)
-        env = self.environments[0]
-        self.registration: object = getattr(env, "registration", None)
-        self._name: str = getattr(env, "_name", "") or task_name(env)
-        self._set_counters()
 
-    def _threads_for(self, num_threads: int) -> int:
-        """The number of threads; one for environments that draw from a stream that they share."""
+    @classmethod
+    def of_one(cls, row: Seeded, form: Form, action_repeat: int) -> Self:
+        """A batch of one row, whose environment is taken over; its PhysicsErrors are raised."""
+        new = cls.__new__(cls)
+        Batch.__init__(new, 1, None, "raise", action_repeat, stagger=False)
+        new._set_form(form, num_threads=1)
+        new._rows.append(row)
+        new._seeds[0], new._edits_models = None, False
+        new._set_counters()
+        new._begins[:] = new._has_ended  # it may be running
+        new._set_up(0)
+        return new
+
+    def _set_form(self, form: Form, num_threads: int) -> None:
+        self._form = form
+        self._action_spec = guards.batched_spec(form.action_spec, self.num_envs)
+        self._threads = RowThreads(self.num_envs, num_threads)
+        self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
+        self._rows: list[Seeded] = []
+
+    def _threads_for(self, num_threads: int | None) -> int:
+        """The user's number of threads, or as many as there are cores, at most the rows.
+
+        One for environments that draw from a stream that they share.
+        """
+        given = usable_cores() if num_threads is None else num_threads
+        threads = min(guards.at_least_one("num_threads", given), self.num_envs)
         if self.draws_globally is None:
-            return num_threads
+            return threads
         log.info(
             "%s draws from %s, which all rows share: they are stepped on one thread, in order",
             self._build.name,
@@ -183,14 +190,16 @@ class RowsEnvironment(Lockstep):
 
     def _set_counters(self) -> None:
         """Sets the counters of rows that have not begun an episode."""
+        env = self.environments[0]
+        self.registration = getattr(control_of(env), "registration", None)
+        self.name = task_name(env)
+        self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         self._steps = np.zeros(self.num_envs, int)
         # Reward terms of rows whose `step` is called repeatedly.
         self._summed_terms: dict[int, Mapping[str, float]] = {}
-        self._begins = np.ones(self.num_envs, bool)
         # Stepping these begins their next episode; others must be reset.
         self._has_ended = np.array([_begins_if_stepped(one) for one in self.environments])
         self._timed_out = np.zeros(self.num_envs, bool)
-        self.diverged = np.zeros(self.num_envs, bool)
         self._observation = self._empty()
 
     @property
@@ -198,46 +207,41 @@ class RowsEnvironment(Lockstep):
         """The environment of each row; a reset with a seed may replace it."""
         return tuple(row.environment for row in self._rows)
 
-    @property
-    def name(self) -> str:
-        """The task's name."""
-        return self._name
-
     def reset(
         self, ids: RowNumbers = None, seeds: Sequence[int | None] | None = None
     ) -> dm_env.TimeStep:
-        """Begins an episode in all rows or in those given; returns the time step of all rows.
-
-        Other rows keep their state and are reported as mid-episode, with reward 0.
-
-        Args:
-          ids: sorted row numbers or a mask of (num_envs,).
-          seeds: for each row to reset, a seed whose first episode it begins, or None to continue
-            the row's random stream.
-        """
+        """See `Batch`."""
         rows = self._numbers(ids)
         guards.streams_of_seeds(seeds, len(rows))  # raises for invalid ones
         with self._use:
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
             self._has_ended[rows] = False
             by_row = dict(zip(rows.tolist(), seeds or [None] * len(rows), strict=True))
-            found = RowStep(self._empty(), self._observation)
 
-            def begin(row: int) -> None:
+            def begin(row: int) -> dm_env.TimeStep:
                 seed = by_row[row]
                 if seed is not None:
                     self._seed(row, seed)
                 self._set_limit_of_next(row)
-                found.take(row, self._rows[row].environment.reset(), self._rows[row].plain)
+                return self._rows[row].environment.reset()
 
-            self._raise(self._each(begin, rows.tolist()))
-            for name, values in found.observation.items():
-                self._observation[name][rows] = values[rows]
+            self._take_starts(begin, rows)
             self._steps[rows] = 0
             self._begins[rows] = False
             self._timed_out[rows] = False
             self.diverged[rows] = False
         return self._present()
+
+    def _take_starts(self, start: Callable[[int], dm_env.TimeStep], rows: np.ndarray) -> None:
+        """Takes the observations of the first time steps that `start(row)` returns."""
+        found = RowStep(self._empty(), self._observation)
+
+        def take(row: int) -> None:
+            found.take(row, start(row), self._rows[row].plain)
+
+        self._raise(self._each(take, rows.tolist()))
+        for name, values in found.observation.items():
+            self._observation[name][rows] = values[rows]
 
     def _present(self) -> dm_env.TimeStep:
         """The time step of a reset: FIRST for rows that have begun, MID for others."""
@@ -247,22 +251,12 @@ class RowsEnvironment(Lockstep):
         return dm_env.TimeStep(step_type, np.zeros(self.num_envs), ones, observation)
 
     def restart(self) -> None:
-        """Make every row begin an episode with the next step, in the middle of one too."""
-        self._begins[:] = True
+        """See `Batch`."""
+        super().restart()
         self._has_ended[:] = False
 
     def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
-        """Applies an action in every row and returns the batched `TimeStep`.
-
-        Args:
-          actions: numbers, (num_envs, ...); ignored in rows that begin an episode.
-
-        Raises:
-          ValueError, TypeError: the actions are not finite numbers of the spec's shape; nothing
-            was stepped.
-          PhysicsError: a row diverged and `on_divergence` is 'raise'.
-          Exception: any that an environment raises, with a note that has the row's number.
-        """
+        """See `Batch`."""
         with self._use:
             given = self._checked(actions, self._begins)
             begins, has_ended = self._begins.tolist(), self._has_ended.tolist()
@@ -317,7 +311,7 @@ class RowsEnvironment(Lockstep):
         """Counts a step that all rows have made; returns its time step."""
         self.diverged = found.diverged
         if arrays.any_of(found.diverged):
-            self._report_divergence()
+            self._report_divergence(found.error)
         last = found.step_type == _LAST
         self._steps += found.steps
         self._steps[found.step_type == _FIRST] = 0
@@ -331,29 +325,23 @@ class RowsEnvironment(Lockstep):
     def _step_row(self, row: int, action: np.ndarray, found: RowStep) -> None:
         """Steps a row in mid-episode, as often as an action is repeated."""
         env, plain = self._rows[row].environment, self._rows[row].plain
-        if plain is not None:  # it repeats and counts by itself
-            before = plain._step_count
-            try:
-                time_step = plain.step(action)
-            except PhysicsError:
-                found.end_diverged(row, plain, before)
-                return
-            found.take(row, time_step, plain)
-            found.steps[row] = plain._step_count - before
-            return
-        repeat = self._action_repeat
-        inner = control_of(env)
-        before = getattr(inner, "_step_count", 0)
+        repeat = self._action_repeat if plain is None else 1  # which it repeats by itself
+        inner = plain or control_of(env)
+        before: int = getattr(inner, "_step_count", 0)
         terms: collections.Counter[str] = collections.Counter()
         if repeat > 1:
             self._summed_terms[row] = terms
         for number in range(1, repeat + 1):
             try:
                 time_step = env.step(action)
-            except PhysicsError:
-                found.diverge(row)
+            except PhysicsError as error:
+                found.error = error
+                if plain is None:
+                    found.diverge(row)
+                else:
+                    found.end_diverged(row, plain, before)
                 return
-            found.take(row, time_step, None)
+            found.take(row, time_step, plain)
             if repeat > 1:
                 terms.update(getattr(env, "reward_terms", {}))
             if isinstance(inner, Environment):
@@ -366,98 +354,74 @@ class RowsEnvironment(Lockstep):
                 return
 
     def snapshot(self, rows: RowNumbers = None) -> Snapshot:
-        """Everything that the future of the batch, or of some rows, depends on.
-
-        Plain environments are saved as `control.Environment.snapshot` does; other environments, and
-        any that edit their models, as copies.
-
-        Raises:
-          TypeError: an environment keeps something that cannot be copied.
-        """
+        """See `Batch`."""
+        # Plain environments as `control.Environment.snapshot` does; others, and any that edit their
+        # models, as copies.
         numbers = self._numbers(rows)
+        chosen = numbers.tolist() or [0]
         with self._use:
-            joined = self._joined(numbers)
-            if self._stagger is None:
-                return joined
-            limits = np.stack([self._limits[numbers], self._stagger.shares[numbers]], axis=-1)
-            return dataclasses.replace(joined, limits=limits)
+            as_copies = self._edits_models or not all(self._rows[row].is_plain for row in chosen)
+            saved = [self._saved(row, as_copies) for row in chosen]
+            if any(one.origin != saved[0].origin for one in saved):
+                as_copies = True
+                saved = [self._saved(row, as_copies) for row in chosen]
+            first, saved = saved[0], saved[: len(numbers)]
+            seen = self._observation if as_copies and saved else {}
+            return Snapshot(
+                first.origin,
+                _stacked([one.physics for one in saved], first.physics),
+                self._steps[numbers],
+                self._begins[numbers],
+                [one.streams[0] for one in saved],
+                _stacked([one.frames for one in saved], first.frames),
+                self.registration,
+                self.name,
+                [one.memory[0] for one in saved] if first.memory else [],
+                [one.copies[0] for one in saved] if as_copies else [],
+                {name: values[numbers] for name, values in seen.items()},
+                self._begins[numbers] & ~self._has_ended[numbers],
+                self._stagger and self._stagger.with_limits(self._limits, numbers),
+            )
 
     def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
-        """Continues the batch, or some rows, from a snapshot, bit for bit.
-
-        Args:
-          snapshot: of a batch of either kind or of a single environment, with as many rows as
-            `rows`.
-          rows: sorted row numbers or a mask; None for all.
-
-        Raises:
-          ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
-            damaged, or contains an episode at or beyond the step limit; nothing was restored.
-        """
+        """See `Batch`."""
         numbers = self._numbers(rows)
-        as_snapshot(snapshot)
-        for row in numbers[:1].tolist() or [0]:
-            seeded = self._rows[row]
-            if snapshot.copies or not seeded.is_plain:
-                env = seeded.environment
-                snapshot.check(Snapshot.origin_of_copy(env), len(numbers))
-            else:
-                own = self._saved(row, as_copy=False)
-                snapshot.check(own.origin, len(numbers))
-                snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
-            snapshot.check_copies(seeded.is_plain)
-        snapshot.check_length(self.step_limit)
+        first = numbers[0] if numbers.size else 0
+        if as_snapshot(snapshot).copies or not self._rows[first].is_plain:
+            own = Snapshot.of_copy(self._rows[first].environment)
+        else:
+            own = self._saved(first, as_copy=False)
+        snapshot.check_all(own, len(numbers), self.step_limit)
         with self._use:
             for index, row in enumerate(numbers.tolist()):
                 self._begins[row], self._has_ended[row] = True, False  # until it is complete
                 self._restore(row, snapshot.part(index))
 
     def integration_states(self) -> np.ndarray:
-        """MuJoCo's integration state of each row, (num_envs, nstate).
-
-        Raises:
-          TypeError: a row has no `control.Environment` inside.
-        """
+        """See `Batch`."""
         return np.stack([_inside(env).physics.get_state(STATE) for env in self.environments])
 
     def episode_fields(self) -> dict[str, np.ndarray]:
-        """The model fields that were set for the rows' episodes, (num_envs, ...) by name.
-
-        Raises:
-          TypeError: as `integration_states`.
-        """
-        found: dict[str, list[np.ndarray]] = {}
-        for env in self.environments:
-            inner = _inside(env)
+        """See `Batch`."""
+        found: dict[str, np.ndarray] = {}
+        for row, inner in enumerate(map(_inside, self.environments)):
             names = inner._saved_fields()
             saved = inner._simulated.simulation.save(None, names)
-            for name in names:
-                found.setdefault(name, []).append(saved[name][0])
-        return {name: np.stack(values) for name, values in found.items()}
-
-    def _step_counts(self) -> np.ndarray:
-        return self._steps
+            show_drawn(found, {name: saved[name][0] for name in names}, row, self.num_envs)
+        return found
 
     def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
-        found = RowStep(self._empty(), self._observation)
         index = {row: i for i, row in enumerate(rows.tolist())}
 
-        def start(row: int) -> None:
+        def start(row: int) -> dm_env.TimeStep:
             state = {name: values[index[row]] for name, values in states.items()}
-            time_step = settable(self._rows[row].environment).set_state(state)
-            found.take(row, time_step, self._rows[row].plain)
+            return settable(self._rows[row].environment).set_state(state)
 
-        self._raise(self._each(start, rows.tolist()))
-        for name, values in found.observation.items():
-            self._observation[name][rows] = values[rows]
+        self._take_starts(start, rows)
         return self._present()
 
     def state_sizes(self) -> dict[str, int]:
-        """Numbers in each field of a row's state, such as 'qpos', without empty fields.
-
-        Raises:
-          TypeError: a row is not a `control.Environment` on a simulation of MuJoCo.
-        """
+        """See `Batch`."""
         self._use.check()
         sizes = [state_sizes(settable(env).physics) for env in self.environments]
         return sizes[0]
@@ -467,16 +431,8 @@ class RowsEnvironment(Lockstep):
         for row in self._rows:
             row.environment.close()
 
-    def description(self) -> Description:
-        """The parts of the batch's `repr`."""
-        steps = self._steps.tolist()
-        begun = not self._begins.all() or any(steps)
-        return Description(
-            self._name, self.num_envs, self._seeds, steps if begun else [], self.step_limit
-        )
-
     def __repr__(self) -> str:
-        return f"{represented(self, self.description())[:-1]}, not vectorised: {self.why_rows}>"
+        return f"{super().__repr__()[:-1]}, not vectorised: {self.why_rows}>"
 
     def __deepcopy__(self, memo: dict[int, object]) -> "RowsEnvironment":
         for env in self.environments:
@@ -487,18 +443,17 @@ class RowsEnvironment(Lockstep):
         return new
 
     def single_action_spec(self) -> specs.BoundedArray:
-        """The spec of one row's action."""
-        return self._single_action_spec
+        """See `Batch`."""
+        return self._form.action_spec
 
     def observation_spec(self) -> Mapping[str, specs.Array]:
-        """The specs of the observations of all rows, (num_envs, ...) each."""
-        return collections.OrderedDict(
-            (name, _batched(spec, self.num_envs)) for name, spec in self._observation_spec.items()
-        )
+        """See `Batch`."""
+        of_one = self._form.observation_spec.items()
+        return collections.OrderedDict((n, _batched(spec, self.num_envs)) for n, spec in of_one)
 
     @property
     def step_limit(self) -> float:
-        """Steps per episode; infinite without a limit."""
+        """See `Batch`."""
         return self._full_limits[0] if self._own_limit is None else self._own_limit
 
     @step_limit.setter
@@ -510,23 +465,20 @@ class RowsEnvironment(Lockstep):
             self._set_limit(row, limit)
 
     def draw_every(self, steps: int) -> None:
-        """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
+        """See `Batch`."""
         self._draw_interval = guards.at_least_one("steps", steps)
         for row in range(self.num_envs):
             self._set_up(row)
 
     @property
     def timed_out(self) -> np.ndarray:
-        """Mask of rows whose last step was truncated, (num_envs,).
-
-        A plain environment reports it; the last step of any other is a truncation if its discount
-        is 1.
-        """
+        """See `Batch`."""
+        # A plain environment reports it; the last step of any other is one if its discount is 1.
         return self._timed_out & self._begins
 
     @property
     def reward_terms(self) -> dict[str, Quantity]:
-        """The terms of the last step's reward, (num_envs,) each; empty if rows have others."""
+        """See `Batch`."""
         of_rows = [
             self._summed_terms.get(row, getattr(env, "reward_terms", {}))
             for row, env in enumerate(self.environments)
@@ -541,7 +493,7 @@ class RowsEnvironment(Lockstep):
 
     @property
     def success(self) -> np.ndarray | None:
-        """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
+        """See `Batch`."""
         of_rows = [getattr(env, "success", None) for env in self.environments]
         if all(one is None for one in of_rows):
             return None
@@ -549,24 +501,21 @@ class RowsEnvironment(Lockstep):
 
     @property
     def randomization(self) -> dict[str, np.ndarray]:
-        """The values drawn for the rows' episodes, (num_envs, ...) by field."""
-        of_rows = [getattr(env, "randomization", {}) for env in self.environments]
+        """See `Batch`."""
         shown: dict[str, np.ndarray] = {}
-        for row, drawn in enumerate(of_rows):
-            for name, value in drawn.items():
-                empty = np.zeros((self.num_envs, *value.shape), value.dtype)
-                shown.setdefault(name, empty)[row] = value
+        for row, env in enumerate(self.environments):
+            show_drawn(shown, getattr(env, "randomization", {}), row, self.num_envs)
         return shown
 
     @property
     def pixels(self) -> Pixels | None:
-        """Options of the pixel observations; None without them."""
+        """See `Batch`."""
         return getattr(self.environments[0], "pixels", None)
 
     def control_timestep(self) -> float:
-        """Time between two actions, seconds."""
+        """See `Batch`."""
         self._use.check()
-        return self._control_timestep
+        return self._form.control_timestep
 
     def _draw(self, rows: np.ndarray, **kwargs: object) -> np.ndarray:
         physics = [physics_of(self.environments[row]) for row in rows.tolist()]
@@ -601,36 +550,31 @@ class RowsEnvironment(Lockstep):
                 "each row"
             )
         with self._use:
-            for row, value in zip(self._rows, values, strict=True):
-                row.set_attribute(name, value)
+            for row, value in enumerate(values):
+                self._rows[row].set_attribute(name, value)
+                self._set_up(row)
 
     def call(self, name: str, *args: object, **kwargs: object) -> list[object]:
         """The results of a method, or the values of an attribute, of each row's environment."""
         with self._use:
-            found = [getattr(holder_of(env, name), name) for env in self.environments]
+            # Any: of the rows' own classes.
+            found: list[Any] = self.get_attr(name)
             return [one(*args, **kwargs) if callable(one) else one for one in found]
 
     def _checked(self, actions: npt.ArrayLike, begins: np.ndarray) -> np.ndarray:
         """A copy of the actions, since environments may keep theirs."""
         given = np.array(guards.check_actions(actions, self.num_envs, begins, self.first_row))
-        shape = self._action_spec.shape
-        if math.prod(shape[1:]) == 1 and given.size == self.num_envs:
-            given = given.reshape(shape)  # one number for one actuator, in any shape
-        if given.shape != shape:
-            raise ValueError(
-                f"action has shape {given.shape}; expected {shape}: one number for each actuator "
-                "of each row; nothing was stepped"
-            )
+        given = in_shape(given, self._action_spec.shape, self.num_envs)
         if arrays.any_of(begins) and given.dtype.kind == "f":
             # Rows that begin ignore their action, which a wrapper may check nevertheless.
             bad = begins & ~np.isfinite(given.reshape(self.num_envs, -1)).all(axis=-1)
             given[bad] = 0.0
         return given
 
-    def _seed(self, row: int, seed: int) -> None:
+    def _seed(self, row: int, seed: int, keeps_model: bool = False) -> None:
         seed = checked_seed(seed)
         self._set_limit(row, self._full_limits[row])
-        self._rows[row].begin(seed)
+        self._rows[row].begin(seed, keeps_model)
         self._set_up(row)
         self._full_limits[row] = self._limit_of(self._rows[row].environment)
         self._seeds[row] = seed
@@ -662,48 +606,21 @@ class RowsEnvironment(Lockstep):
         if isinstance(inner, Environment) and inner._step_limit != limit:
             inner._step_limit = limit
 
-    def _joined(self, numbers: np.ndarray) -> Snapshot:
-        """One snapshot of several rows."""
-        rows = numbers.tolist()
-        as_copies = self._edits_models or not all(self._rows[row].is_plain for row in rows or [0])
-        saved = [self._saved(row, as_copies) for row in rows or [0]]
-        if any(one.origin != saved[0].origin for one in saved):
-            as_copies = True
-            saved = [self._saved(row, as_copies) for row in rows]
-        first = saved[0]
-        saved = saved[: len(rows)]
-        observations = {name: values[numbers] for name, values in self._observation.items()}
-        return Snapshot(
-            first.origin,
-            {n: _stacked([one.physics[n] for one in saved], v) for n, v in first.physics.items()},
-            self._steps[numbers],
-            self._begins[numbers],
-            [one.streams[0] for one in saved],
-            {n: _stacked([one.frames[n] for one in saved], v) for n, v in first.frames.items()},
-            self.registration,
-            self._name,
-            [one.memory[0] for one in saved] if first.memory else [],
-            [one.copies[0] for one in saved] if as_copies else [],
-            observations if as_copies and rows else {},
-            self._begins[numbers] & ~self._has_ended[numbers],
-        )
-
     def _saved(self, row: int, as_copy: bool) -> Snapshot:
         env, plain = self._rows[row].environment, self._rows[row].plain
         if plain is not None and not as_copy:
             return plain.snapshot()
         check_copies(env, are_seeded=False)
-        return Snapshot.of_copy(copied(env), self.registration, self._name)
+        return Snapshot.of_copy(copied(env), self.registration, self.name)
 
     def _restore(self, row: int, part: Snapshot) -> None:
         """Continues a row from a snapshot of one environment."""
         seeded = self._rows[row]
-        if part.copies:
-            seeded.replace(copied(part.copies[0]))
+        inner = control_of(seeded.environment)
+        if isinstance(inner, Environment) and inner is seeded.environment:  # it stays the same
+            inner.restore(part)
         else:
-            env = seeded.environment
-            assert isinstance(env, Environment)
-            env.restore(part)
+            seeded.replace(copied(part.copies[0]))
         observation = part.observations
         if not observation:
             inner = control_of(seeded.environment)
@@ -743,17 +660,11 @@ class RowsEnvironment(Lockstep):
     def _empty(self) -> dict[str, np.ndarray]:
         return {
             name: np.zeros((self.num_envs, *spec.shape), spec.dtype)
-            for name, spec in self._observation_spec.items()
+            for name, spec in self._form.observation_spec.items()
         }
 
     def _shown(self, observation: dict[str, np.ndarray]) -> MutableMapping[str, np.ndarray]:
         return collections.OrderedDict(observation)
-
-
-def _threads(num_threads: int | None, num_envs: int) -> int:
-    """The number of threads: the user's choice, or as many as there are cores, at most the rows."""
-    given = usable_cores() if num_threads is None else num_threads
-    return min(guards.at_least_one("num_threads", given), num_envs)
 
 
 def _in_parts(seeded: Seeded) -> Environment | None:
@@ -763,11 +674,9 @@ def _in_parts(seeded: Seeded) -> Environment | None:
 
 
 def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
-    shape = (num_envs, *spec.shape)
     if isinstance(spec, specs.BoundedArray):
-        bounds = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
-        return specs.BoundedArray(shape, spec.dtype, *bounds, name=spec.name)
-    return specs.Array(shape, spec.dtype, name=spec.name)
+        return guards.batched_spec(spec, num_envs)
+    return specs.Array((num_envs, *spec.shape), spec.dtype, name=spec.name)
 
 
 def _inside(env: dm_env.Environment) -> Environment:
@@ -808,5 +717,8 @@ def _checked_contexts(
     return list(contexts)
 
 
-def _stacked(parts: Sequence[np.ndarray], like: np.ndarray) -> np.ndarray:
-    return np.concatenate(parts) if parts else like[:0]
+def _stacked(
+    parts: Sequence[Mapping[str, np.ndarray]], like: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    none = {name: values[:0] for name, values in like.items()}
+    return {n: np.concatenate([none[n], *(one[n] for one in parts)]) for n in like}

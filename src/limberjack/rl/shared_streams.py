@@ -20,7 +20,7 @@ from typing import cast
 
 import numpy as np
 
-__all__ = ["GLOBAL_STREAMS", "drawn_from", "fingerprint", "put_back_after"]
+__all__ = ["GLOBAL_STREAMS", "drawn_from", "fingerprint", "put_back_after", "state_of"]
 
 GLOBAL_STREAMS: Mapping[str, object] = {
     "NumPy's global stream": np.random,
@@ -71,9 +71,9 @@ def drawn_from(streams: Mapping[str, object], play: Callable[[], object]) -> str
       play: called once, without arguments.
     """
     with put_back_after(streams):
-        before = {name: _state(stream) for name, stream in streams.items()}
+        before = {name: state_of(stream) for name, stream in streams.items()}
         play()
-        drawn = [name for name, stream in streams.items() if _state(stream) != before[name]]
+        drawn = [name for name, stream in streams.items() if state_of(stream) != before[name]]
     return drawn[0] if drawn else None
 
 
@@ -86,10 +86,10 @@ def fingerprint(stream: object) -> bytes:
     generator = owner._bit_generator
     if isinstance(generator, np.random.MT19937):
         return ctypes.string_at(generator.ctypes.state_address, _BYTES_OF_STATE)
-    return _state(stream)
+    return state_of(stream)
 
 
-def _state(stream: object) -> bytes:
+def state_of(stream: object) -> bytes:
     """The state of a stream in a form that can be compared."""
     if isinstance(stream, np.random.Generator):
         return pickle.dumps(stream.bit_generator.state)

@@ -106,22 +106,24 @@ class Snapshot:
             **{what: fact for what, fact in identity.items() if what != _NUMBERS},
         }
 
-    def part(self, index: int) -> "Snapshot":
-        """The snapshot of one of the environments."""
-        one = slice(index, index + 1)
-        return dataclasses.replace(
-            self,
-            physics={name: values[one] for name, values in self.physics.items()},
-            step_count=self.step_count[one],
-            begins=self.begins[one],
-            streams=self.streams[one],
-            frames={name: values[one] for name, values in self.frames.items()},
-            memory=self.memory[one],
-            copies=self.copies[one],
-            observations={name: values[one] for name, values in self.observations.items()},
-            resets=self.resets[one],
-            limits=None if self.limits is None else self.limits[one],
-        )
+    def part(self, rows: int | np.ndarray) -> "Snapshot":
+        """The snapshot of one of the environments, or of some, by number.
+
+        Raises:
+          IndexError: there are fewer environments.
+        """
+        numbers = np.atleast_1d(rows)
+        parts = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            # An empty array or list stands for nothing, whatever the size.
+            if isinstance(value, np.ndarray):
+                parts[field.name] = value[numbers] if len(value) else value
+            elif isinstance(value, list):
+                parts[field.name] = [value[row] for row in numbers] if value else []
+            elif isinstance(value, dict) and field.name != "origin":
+                parts[field.name] = {name: array[numbers] for name, array in value.items()}
+        return dataclasses.replace(self, **parts)
 
     def __repr__(self) -> str:
         task = self.name or str(self.origin.get("task"))
@@ -131,6 +133,46 @@ class Snapshot:
 
     def __len__(self) -> int:
         return len(self.streams)
+
+    def check_all(self, own: "Snapshot", size: int, step_limit: float = math.inf) -> None:
+        """Raises ValueError unless this can be restored.
+
+        Args:
+          own: a snapshot of the environment or batch to restore it into, of any number of rows.
+          size: number of environments that this must hold.
+          step_limit: steps per episode.
+        """
+        self.check(own.origin, size)
+        if own.copies and not self.copies:
+            raise ValueError(
+                "the snapshot holds states of plain environments; expected copies of environments, "
+                "as in a snapshot of this environment; nothing was restored"
+            )
+        for name, given in (("memory", self.memory), ("copies", self.copies)):
+            if len(given) not in (0, size):
+                raise ValueError(
+                    f"the snapshot holds {len(given)} {name} for {size} environments; nothing was "
+                    "restored"
+                )
+        for one in self.copies:
+            if _class_of(one) != self.origin["environment"]:
+                raise ValueError(
+                    f"the snapshot holds a copy of a {_class_of(one)}; expected a "
+                    f"{self.origin['environment']}; nothing was restored"
+                )
+        self._check_counters()
+        if not self.copies:
+            _check_form(self.physics, own.physics, size)
+            if own.frames:  # pictures are ignored if the environment does not observe any
+                _check_form(self.frames, own.frames, size)
+            for row, states in enumerate(self.streams):
+                _check_streams(row, states, len(own.streams[0]))
+        running = self.step_count[~self.begins]
+        if (running >= step_limit).any():
+            raise ValueError(
+                f"the snapshot is of step {running.max()} of an episode, and episodes end after "
+                f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
+            )
 
     def check(self, origin: dict[str, object], size: int) -> None:
         """Raises ValueError if the task, model, version or number of environments differs."""
@@ -171,50 +213,6 @@ class Snapshot:
                 "the same number of rows"
             )
 
-    def check_copies(self, is_plain: bool) -> None:
-        """Raises ValueError if this holds states that a restored environment cannot take.
-
-        Args:
-          is_plain: whether the environment has no methods or attributes of its own; any other can
-            only be replaced by a copy.
-        """
-        if not self.copies and not is_plain:
-            raise ValueError(
-                "the snapshot holds states of plain environments; expected copies of environments, "
-                "as in a snapshot of this environment; nothing was restored"
-            )
-        for name, given in (("memory", self.memory), ("copies", self.copies)):
-            if len(given) not in (0, len(self)):
-                raise ValueError(
-                    f"the snapshot holds {len(given)} {name} for {len(self)} environments; "
-                    "nothing was restored"
-                )
-        for one in self.copies:
-            if _class_of(one) != self.origin["environment"]:
-                raise ValueError(
-                    f"the snapshot holds a copy of a {_class_of(one)}; expected a "
-                    f"{self.origin['environment']}; nothing was restored"
-                )
-        self._check_counters()
-
-    def check_arrays(
-        self, physics: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], streams: int
-    ) -> None:
-        """Raises ValueError unless all arrays and streams can be restored.
-
-        Args:
-          physics: arrays saved by an environment of this kind, (n, ...) each, for any n.
-          frames: stacks of pictures saved by such an environment.
-          streams: number of random streams per environment.
-        """
-        size = len(self)
-        _check_form(self.physics, physics, size)
-        if frames:  # pictures are ignored if the environment does not observe any
-            _check_form(self.frames, frames, size)
-        self._check_counters()
-        for row, states in enumerate(self.streams):
-            _check_streams(row, states, streams)
-
     def _check_counters(self) -> None:
         counters = {"step_count": self.step_count, "begins": self.begins}
         form = {"step_count": np.zeros(1, int), "begins": np.zeros(1, bool)}
@@ -226,15 +224,6 @@ class Snapshot:
             )
         if self.limits is not None:
             _check_form({"limits": self.limits}, {"limits": np.zeros((1, 2))}, len(self))
-
-    def check_length(self, step_limit: float) -> None:
-        """Raises ValueError if an unfinished episode has reached the step limit."""
-        running = self.step_count[~self.begins]
-        if (running >= step_limit).any():
-            raise ValueError(
-                f"the snapshot is of step {running.max()} of an episode, and episodes end after "
-                f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
-            )
 
 
 def _class_of(env: object) -> str:

@@ -1,22 +1,126 @@
-"""`Streams`: the random streams of a batch's rows.
+"""The random streams of rows, and what is drawn from them besides the starts of episodes.
 
     streams = Streams(seed=0, count=256)
     streams.own[3]        # RandomState(3), from which row 3 draws its episodes
     streams.beside[3]     # the stream from which its model fields are drawn
 
 A row's draws do not depend on the other rows.
+
+    set_stream_fields(task, np.random.RandomState(7), physics.simulation)
+
+An environment with seed 7, and each row of a batch that gets this seed, then has the fields that
+`task.begin_stream` returns for `RandomState(7)`; its episodes are drawn from where that stopped.
+
+    stagger = Stagger(num_envs=64)
+    stagger.draw(3, stream)                 # for the first episode of a seed
+    stagger.limit_of_next(3, limit=1000)    # such as 417; later 1000
+
+Rows that begin together also end together, so that a learner sees one phase of the episode at a
+time. The first episode of a row is truncated after a number of steps, uniform from 1 to the limit,
+which is drawn from a separate stream. No draw of the task changes, and later episodes are full.
 """
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from limberjack.rl.contract import Simulation, Task
+from limberjack.rl.guards import first_seed
 from limberjack.rl.randomize import stream_beside
-from limberjack.rl.stream_fields import set_stream_fields
-from limberjack.utils.seeds import checked_seed
 
-__all__ = ["States", "Streams", "stream_of"]
+__all__ = [
+    "Stagger",
+    "States",
+    "Streams",
+    "check_limit",
+    "check_not_randomized",
+    "set_stream_fields",
+    "stream_of",
+]
+
+_OWN = np.uint32(1)  # keeps the stream apart from the one of `randomize`
+_FULL = 1.0  # share of the limit of an episode that is not cut short
+
+
+class Stagger:
+    """The length of each row's next episode, as a share of the limit.
+
+    Attributes:
+      shares: from 0 to 1, (num_envs,), of each row's next episode.
+    """
+
+    def __init__(self, num_envs: int) -> None:
+        self.shares = np.full(num_envs, _FULL)
+
+    def draw(self, row: int, stream: np.random.RandomState) -> None:
+        """Draws the length of the first episode of a stream, which is not advanced."""
+        _, key, position, *_ = stream.get_state(legacy=True)
+        state = [*np.asarray(key, np.uint32).tolist(), int(position), int(_OWN)]
+        self.shares[row] = np.random.RandomState(np.array(state, np.uint32)).uniform()
+
+    def with_limits(self, limits: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """The limits and shares of rows as a snapshot holds them, (n, 2)."""
+        return np.stack([limits[rows], self.shares[rows]], axis=-1)
+
+    def limit_of_next(self, row: int, limit: float) -> float:
+        """The limit of the episode that begins in a row; the one after it is full."""
+        share, self.shares[row] = self.shares[row], _FULL
+        return limit if share == _FULL else 1 + math.floor(share * math.ceil(limit))
+
+
+def check_limit(limit: float) -> float:
+    """The limit; raises ValueError if it is infinite: then nothing can be cut short at random."""
+    if not math.isfinite(limit):
+        raise ValueError(
+            "stagger is True, but the episodes have no time limit: give the task a time_limit"
+        )
+    return limit
+
+
+def set_stream_fields(
+    task: Task, random: np.random.RandomState, simulation: Simulation, row: int | None = None
+) -> bool:
+    """Sets the fields that belong to a new stream, and returns whether there are any.
+
+    Args:
+      task: it need not define `begin_stream`.
+      random: the stream, which is advanced.
+      simulation: the simulation, or the batch.
+      row: the row of the batch.
+
+    Raises:
+      ValueError: a field is not declared in the task's EPISODE_FIELDS; nothing is set.
+    """
+    fields = _fields(task, random)
+    if fields:
+        simulation.set_fields(fields, row)
+    return bool(fields)
+
+
+def check_not_randomized(task: Task, randomized: Sequence[str]) -> None:
+    """Raises ValueError if `randomize` names a field that the task draws for each stream."""
+    fields = _fields(task, np.random.RandomState(0))
+    both = [name for name in randomized if name in fields]
+    if both:
+        raise ValueError(
+            f"randomize names {', '.join(both)}, which task {type(task).__name__} draws itself for "
+            "each seed; remove it from randomize"
+        )
+
+
+def _fields(task: Task, random: np.random.RandomState) -> Mapping[str, np.ndarray]:
+    begin = getattr(task, "begin_stream", None)  # tasks need not be subclasses of `Task`
+    fields = {} if begin is None else begin(random)
+    declared = getattr(task, "EPISODE_FIELDS", ())
+    undeclared = [name for name in fields if name not in declared]
+    if undeclared:
+        raise ValueError(
+            f"begin_stream of task {type(task).__name__} sets {', '.join(undeclared)}; declare "
+            f"EPISODE_FIELDS = {(*declared, *undeclared)}, so that each row has its own"
+        )
+    return fields
+
 
 # Results of `RandomState.get_state`: of the task's stream and of the one for model fields.
 States = tuple[dict[str, object] | tuple[str, np.ndarray, int, int, float], ...]
@@ -41,13 +145,8 @@ class Streams:
     """For each row a stream for its starts, and a separate stream for its model fields."""
 
     def __init__(self, seed: int | None, count: int) -> None:
-        """Creates the streams of `RandomState(seed + i)`; None for an arbitrary seed.
-
-        Raises:
-          TypeError, ValueError: the first or the last seed is invalid: see `checked_seed`.
-        """
-        first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
-        checked_seed(first + count - 1)
+        """Creates the streams of `RandomState(seed + i)`; see `first_seed`."""
+        first = first_seed(seed, count)
         self.seeds: list[int | None] = list(range(first, first + count))  # None: not known
         self.own = [np.random.RandomState(first + i) for i in range(count)]
         self.beside = [stream_beside(stream) for stream in self.own]

@@ -11,24 +11,33 @@ not count. Values that cannot be compared, such as a C library's, go unnoticed.
 `QuickWatch` takes a microsecond or two, so that it can watch every hook of every step of a batch.
 It notices attributes of one object that were replaced by other objects, and containers whose
 elements have changed.
+
+    measured = measurements_of(physics)
+    task.get_reward(physics)
+    measured            # {"physics.finger_to_target_dist()": 0.21, ...}
+
+Only methods that the physics adds to `mujoco.Physics` are recorded, and only numbers and arrays.
 """
 
 import collections
 import functools
+import inspect
 import itertools
 import operator
 import random
 import threading
 import types
-from collections.abc import Mapping, Sequence
+import weakref
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 
-from limberjack.rl.batch_measurements import RECORDS
+from limberjack import mujoco
 from limberjack.rl.references import ATOMS, attributes_of, cells_of
+from limberjack.rl.shared_streams import state_of
 
-__all__ = ["QuickWatch", "Watch"]
+__all__ = ["MEASUREMENT", "RECORDS", "QuickWatch", "Watch", "measurements_of"]
 
 # Classes are changed while a watch is on, so that there is one at a time.
 _one_at_a_time = threading.RLock()
@@ -252,9 +261,8 @@ class _Frozen:
             if value.dtype == object:
                 return value.shape, [self(part) for part in value.ravel().tolist()]
             return value.dtype.str, value.shape, value.tobytes()
-        stream = _state_of_stream(value)
-        if stream is not None:
-            return self(stream)
+        if isinstance(value, np.random.RandomState | np.random.Generator | random.Random):
+            return state_of(value)
         if isinstance(value, Mapping):
             return type(value), [(self(key), self(part)) for key, part in value.items()]
         if isinstance(value, list | tuple | collections.deque):
@@ -276,9 +284,42 @@ class _Frozen:
         return id(value), [(name, self(part)) for name, part in attributes.items()]
 
 
-def _state_of_stream(value: object) -> object | None:
-    if isinstance(value, np.random.RandomState):
-        return value.get_state(legacy=False)
-    if isinstance(value, np.random.Generator):
-        return value.bit_generator.state
-    return value.getstate() if isinstance(value, random.Random) else None
+MEASUREMENT = "physics."  # every label begins with it
+RECORDS = "records_measurements"  # an attribute of the functions that take the methods' place
+
+
+def measurements_of(physics: object) -> dict[str, np.ndarray]:
+    """A dictionary that each later call of a method adds its result to.
+
+    Args:
+      physics: a `mujoco.Physics`, whose methods are replaced by recording ones.
+    """
+    measured: dict[str, np.ndarray] = {}
+    # Weak, as otherwise the physics would refer to itself, and its memory be freed late.
+    itself = weakref.ref(physics)
+    for name, function in inspect.getmembers(type(physics), inspect.isfunction):
+        if not hasattr(mujoco.Physics, name):
+            vars(physics)[name] = _recording(name, function, itself, measured)
+    return measured
+
+
+def _recording(
+    name: str,
+    function: Callable[..., object],
+    physics: weakref.ref[object],
+    measured: dict[str, np.ndarray],
+) -> Callable[..., object]:
+    @functools.wraps(function)
+    def call(*args: object, **kwargs: object) -> object:
+        one = physics()
+        value = inspect.getattr_static(type(one), name).__get__(one)(*args, **kwargs)
+        if isinstance(value, np.ndarray | np.number | np.bool | float | int):
+            label, number = f"{MEASUREMENT}{name}()", 1
+            while label in measured:
+                number += 1
+                label = f"{MEASUREMENT}{name}(), call {number},"
+            measured[label] = np.array(value)  # a copy: it may be a view of live memory
+        return value
+
+    setattr(call, RECORDS, True)
+    return call

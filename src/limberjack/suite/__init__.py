@@ -251,7 +251,7 @@ def load_batch(
       action_repeat: control steps per action; see `control.Environment.step`. None leaves it to
         the factory of the task.
       stagger: end the first episode of each row after a random number of steps, so that rows do not
-        end together; see `limberjack.rl.stagger`.
+        end together; see `limberjack.rl.streams`.
 
     Raises:
       ValueError: there is no such domain or task, or a number is out of range; or `vectorised` is

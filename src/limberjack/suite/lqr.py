@@ -14,7 +14,7 @@ import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
-from limberjack.rl.stream_fields import set_stream_fields
+from limberjack.rl.streams import set_stream_fields
 from limberjack.suite import _chain, base, common
 from limberjack.suite.base import Seed
 from limberjack.suite.base import StepKwargs as Kwargs

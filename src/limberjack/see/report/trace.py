@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping
 import dm_env
 import numpy as np
 
-from limberjack.rl.actions import as_numbers
+from limberjack.rl.action_specs import as_numbers
 from limberjack.rl.control import Environment
 from limberjack.see.report.labels import Labels, labels_of
 
