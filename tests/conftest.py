@@ -61,7 +61,7 @@ _BY_TASK = {
 }
 
 # The folders and modules whose models have a small sky, and the modules in them that look at
-# textures or memory. Models in processes of their own have the whole sky, and another fingerprint.
+# pictures or memory. Models in processes of their own have the whole sky, and another fingerprint.
 _UNDER_A_SMALL_SKY = {
     *(_TESTS / folder for folder in ("contract", "docs", "gym", "laws", "oracle", "planner")),
     *(_TESTS / folder for folder in ("registry", "rl")),
@@ -72,8 +72,8 @@ _UNDER_A_SMALL_SKY = {
 }
 _UNDER_THE_WHOLE_SKY = {
     _TESTS / "contract" / "test_promises_models.py",
-    *(_TESTS / "oracle" / f"test_{name}.py" for name in ("memory", "model_and_data", "models")),
-    _TESTS / "oracle" / "test_task_files.py",
+    *(_TESTS / "oracle" / f"test_{name}.py" for name in ("frames", "memory", "model_and_data")),
+    *(_TESTS / "oracle" / f"test_{name}.py" for name in ("models", "task_files", "wrappers")),
 }
 
 
