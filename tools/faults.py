@@ -380,7 +380,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("end = min(part.seeds.stop, seeds.stop)", "end = part.seeds.stop"),
         ("if array.null_count != 1 or array[-1].is_valid:", "if array.null_count != 1:"),
         ('np.packbits(numbers, bitorder="little")', "np.packbits(numbers)"),
-        ("len(array), array.offset * dtype.itemsize)", "len(array))"),
     ],
     "episodes/statistics.py": [
         ("np.mean(episode.rewards[-LAST_STEPS:])", "np.mean(episode.rewards[:LAST_STEPS])"),
