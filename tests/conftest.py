@@ -2,6 +2,7 @@
 order of the tests, and fixtures used in more than one folder.
 """
 
+import contextlib
 import ctypes.util
 import importlib
 import os
@@ -20,6 +21,7 @@ from .memory import (
     free_if_grown,
     keep_few_canvases,
 )
+from .small_sky import small_sky
 
 # dm_control reads this when it is imported, and fails where its first choice, a window, cannot be
 # opened. Without EGL it still simulates, and the tests that draw skip.
@@ -56,6 +58,22 @@ _FIRST = {_TESTS / name: number for number, name in enumerate(LONGEST)}
 # The folders in which all tests of a task run one after the other.
 _BY_TASK = {
     _TESTS / folder for folder in ("contract", "docs", "gym", "laws", "mujoco", "oracle", "rl")
+}
+
+# The folders and modules whose models have a small sky, and the modules in them that look at
+# pictures or memory. Models in processes of their own have the whole sky, and another fingerprint.
+_UNDER_A_SMALL_SKY = {
+    *(_TESTS / folder for folder in ("contract", "docs", "gym", "laws", "oracle", "planner")),
+    *(_TESTS / folder for folder in ("registry", "rl")),
+    _TESTS / "episodes" / "test_starts.py",
+    _TESTS / "see" / "report" / "test_labels.py",
+    _TESTS / "suite" / "test_suite.py",
+    _TESTS / "tools" / "test_solved_pictures.py",
+}
+_UNDER_THE_WHOLE_SKY = {
+    _TESTS / "contract" / "test_promises_models.py",
+    *(_TESTS / "oracle" / f"test_{name}.py" for name in ("frames", "memory", "model_and_data")),
+    *(_TESTS / "oracle" / f"test_{name}.py" for name in ("models", "task_files", "wrappers")),
 }
 
 
@@ -119,6 +137,19 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     result = yield
     free_if_grown()
     return result
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _sky(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Makes the models of most modules quick to compile."""
+    places = {request.path, *request.path.parents}
+    is_small = _UNDER_THE_WHOLE_SKY.isdisjoint(places)
+    with contextlib.ExitStack() as stack:
+        if is_small and not _UNDER_A_SMALL_SKY.isdisjoint(places):
+            if _TESTS / "oracle" in places:
+                importlib.import_module("dm_control.suite.common")
+            stack.enter_context(small_sky())
+        yield
 
 
 @pytest.fixture(params=["own", "shared"])

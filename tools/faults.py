@@ -373,6 +373,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return steps * control_timestep", "return (steps + 1) * control_timestep"),
         ("end = min(part.seeds.stop, seeds.stop)", "end = part.seeds.stop"),
         ("if array.null_count != 1 or array[-1].is_valid:", "if array.null_count != 1:"),
+        ('np.packbits(numbers, bitorder="little")', "np.packbits(numbers)"),
     ],
     "episodes/statistics.py": [
         ("np.mean(episode.rewards[-LAST_STEPS:])", "np.mean(episode.rewards[:LAST_STEPS])"),

@@ -11,6 +11,7 @@ import pytest
 import typer.testing
 
 from limberjack.cli import app
+from tests.plain_pictures import draw_without_shadows
 
 # Ends or fails in the episode and at the step that the environment variable names.
 POLICY = """
@@ -88,3 +89,9 @@ def _search_path() -> Iterator[None]:
     before = list(sys.path)
     yield
     sys.path[:] = before
+
+
+@pytest.fixture(autouse=True)
+def _no_shadows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Films are of the tasks; shadows are tested with the renderer."""
+    draw_without_shadows(monkeypatch)

@@ -69,27 +69,30 @@ def _ended(running: "subprocess.Popen[str]") -> tuple[int, str, str]:
     return running.returncode, output, errors
 
 
-@pytest.mark.parametrize(
-    ("name", "status", "what"),
-    [
-        ("thread", 0, "thread 'left'"),
-        ("process", 0, "exit handler or process"),
-        ("handler", 0, "exit handler or process"),
-        ("failing", 1, "thread 'left'"),
-    ],
-)
-def test_what_a_policy_leaves_behind_does_not_keep_the_command_alive(
-    name: str, status: int, what: str, tmp_path: Path
-) -> None:
+_LEFT = {
+    "thread": (0, "thread 'left'"),
+    "process": (0, "exit handler or process"),
+    "handler": (0, "exit handler or process"),
+    "failing": (1, "thread 'left'"),
+}
+
+
+def test_what_a_policy_leaves_behind_does_not_keep_the_command_alive(tmp_path: Path) -> None:
     (tmp_path / "leaving.py").write_text(_LEAVING)
-    command = [*_PLAYING, "--policy", f"leaving:{name}", "--out", "scores"]
-    code, _, errors = _ended(_started(*command, directory=tmp_path))
-    assert code == status, errors
-    assert errors.splitlines()[-1] == (
-        f"limberjack: a policy's {what} was still running after the command, and is ended"
-    )
-    assert "Traceback" not in errors
-    assert (tmp_path / "scores" / "result.json").exists() == (status == 0)
+    # All at once, because each waits for seconds.
+    running = {
+        name: _started(*_PLAYING, "--policy", f"leaving:{name}", "--out", name, directory=tmp_path)
+        for name in _LEFT
+    }
+    ended = {name: _ended(one) for name, one in running.items()}
+    for name, (status, what) in _LEFT.items():
+        code, _, errors = ended[name]
+        assert code == status, errors
+        assert errors.splitlines()[-1] == (
+            f"limberjack: a policy's {what} was still running after the command, and is ended"
+        )
+        assert "Traceback" not in errors
+        assert (tmp_path / name / "result.json").exists() == (status == 0)
 
 
 @needs_signals

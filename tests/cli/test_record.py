@@ -305,17 +305,11 @@ def wrong(observation):
 
 
 @pytest.mark.usefixtures("_drawing")
-@pytest.mark.parametrize("rows", ["1", "2"])
 @pytest.mark.parametrize(
-    ("policy", "status", "message"),
-    [
-        ("Interrupted", 130, "limberjack: interrupted: film.mp4 is not written"),
-        ("Terminated", 143, "limberjack: interrupted: film.mp4 is not written"),
-        ("wrong", 1, "returned nan at index"),
-    ],
+    ("policy", "rows", "status"), [("Interrupted", "1", 130), ("Terminated", "2", 143)]
 )
-def test_a_film_that_is_cut_short_leaves_nothing_of_itself(
-    policy: str, status: int, message: str, rows: str, tmp_path: Path
+def test_a_film_that_is_interrupted_leaves_nothing_of_itself(
+    policy: str, rows: str, status: int, tmp_path: Path
 ) -> None:
     (tmp_path / "policies_of_mine.py").write_text(_POLICY)
     arguments = [*_WALK, *_SIZE, "--rows", rows, "--policy", f"policies_of_mine:{policy}"]
@@ -328,9 +322,26 @@ def test_a_film_that_is_cut_short_leaves_nothing_of_itself(
         check=False,
     )
     assert done.returncode == status, done.stderr
-    assert message in done.stderr
+    assert "limberjack: interrupted: film.mp4 is not written" in done.stderr
     assert "Traceback" not in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["policies_of_mine.py"]
+
+
+@pytest.mark.usefixtures("_drawing")
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_film_of_a_policy_that_fails_leaves_nothing_of_itself(
+    rows: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "policies_that_fail.py").write_text(_POLICY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    film = tmp_path / "film.mp4"
+    policy = ["--rows", rows, "--policy", "policies_that_fail:wrong"]
+    done = _invoke(*_WALK, *_SIZE, *policy, "--out", film)
+    assert done.exit_code == 1
+    assert "returned nan at index" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["policies_that_fail.py"]
 
 
 @pytest.mark.usefixtures("_drawing")

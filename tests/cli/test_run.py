@@ -184,7 +184,7 @@ def test_a_stray_module_in_the_working_directory_is_not_imported(
 
 
 def test_output_without_a_terminal_is_clean(tmp_path: Path) -> None:
-    for arguments in (["list"], [*_RUN, "--episodes", "2"]):
+    for arguments in (["policies"], [*_RUN, "--episodes", "2"]):
         result = call(*arguments, directory=tmp_path)
         assert result.returncode == 0
         assert result.stderr == ""

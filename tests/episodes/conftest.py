@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from limberjack.data import Dataset, Kept, collect, load
+from tests.plain_pictures import draw_without_shadows
 
 from .collected import ARM, PENDULUM, copy, of_64
 from .collected import damaged as damaged_content
@@ -30,6 +31,12 @@ def arms(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     how = {"time_limit": seconds, "num_threads": 1, "file_mb": of_64(ARM, kept)}
     collect(domain, task, "random", seeds, out=folder, kept=kept, **how)
     return load(folder)
+
+
+@pytest.fixture(autouse=True)
+def _no_shadows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Films are of the episodes; shadows are tested with the renderer."""
+    draw_without_shadows(monkeypatch)
 
 
 @pytest.fixture

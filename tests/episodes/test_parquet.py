@@ -12,6 +12,7 @@ import pytest
 
 from limberjack.episodes.episode import Kept
 from limberjack.episodes.parquet import Shard, columns_of, encode, episode_of, join
+from tests.programs import run
 
 from .collected import ARM, EVERYTHING, PENDULUM, assert_equal, made
 
@@ -42,6 +43,28 @@ def test_episodes_are_read_as_they_were_written(
     assert shard.lengths == [episode.length for episode in episodes]
     for one, other in zip(episodes, shard.episodes(), strict=True):
         assert_equal(one, other)
+
+
+def test_writing_and_reading_import_no_pandas(tmp_path: Path) -> None:
+    pytest.importorskip("pandas", reason="tests that pandas, if installed, is not imported")
+    run(
+        """
+        import pathlib, sys
+        from limberjack.episodes.episode import Kept
+        from limberjack.episodes.parquet import Shard, encode
+        from tests.episodes.collected import ARM, EVERYTHING, assert_equal, made
+
+        recipe, (episode,) = made(ARM, range(3, 4), EVERYTHING)
+        path = pathlib.Path(sys.argv[1])
+        path.write_bytes(encode(recipe, [episode]))
+        (found,) = Shard(path).episodes()
+        assert_equal(found, episode)
+        assert "pyarrow" in sys.modules
+        assert "pandas" not in sys.modules
+        """,
+        str(tmp_path / "file.parquet"),
+        path=Path(__file__).parents[2],
+    )
 
 
 def test_equal_episodes_give_equal_bytes_also_in_parts(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from limberjack.policies import PolicyError
 from limberjack.rl import control
 from limberjack.rl.control import Environment
 from tests import plain_domain
+from tests.plain_pictures import draw_plainly
 from tests.rl import odd_environments
 from tests.rollouts import run_episode
 
@@ -369,7 +370,9 @@ def _repeating(seed: int) -> control.Environment:
 
 
 def _pictured(seed: int) -> control.Environment:
-    return _make(seed, pixels={"camera": 0, "height": 8, "width": 8, "frame_stack": 2})
+    environment = _make(seed, pixels={"camera": 0, "height": 8, "width": 8, "frame_stack": 2})
+    draw_plainly(environment.physics.model)
+    return environment
 
 
 def _by_hand(policy: Any, seed: int, repeat: int) -> tuple[float, int]:

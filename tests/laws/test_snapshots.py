@@ -54,14 +54,14 @@ def test_a_single_environment_continues_from_a_snapshot(task: Task, steps_before
 
 @_TASKS
 def test_copies_and_pickles_of_a_batch_have_its_future(task: Task) -> None:
-    randomize = {"randomize": _RANDOMIZE}
-    batch = suite.load_batch(*task, 4, 2, 3, _short(task), randomize)
+    kwargs, randomize = dict(short(task, 16)), {"randomize": _RANDOMIZE}
+    batch = suite.load_batch(*task, 3, 2, 3, kwargs, randomize)
     batch.reset()
-    actions = _actions(batch, 32)  # across the end of an episode
+    actions = _actions(batch, 27)  # across the end of each row's episode
     for action in actions[:9]:
         batch.step(action)
     batch.reset([2])
-    other_threads = suite.load_batch(*task, 4, 1, 70, _short(task), randomize)
+    other_threads = suite.load_batch(*task, 3, 1, 70, kwargs, randomize)
     other_threads.restore(batch.snapshot())
     twins = [copy.deepcopy(batch), pickle.loads(pickle.dumps(batch)), other_threads]
     for action in actions[9:]:

@@ -1,6 +1,6 @@
 """Every time step of every task equals dm_control's in every bit.
 
-One seed of 200 steps, with random, zero and bang-bang actions in turn, across the end of an
+One seed of 130 steps, with random, zero and bang-bang actions in turn, across the end of an
 episode. `make test-exactness` compares whole episodes of several seeds and every argument.
 """
 
@@ -13,8 +13,8 @@ from .oracle import ours
 
 pytestmark = pytest.mark.oracle
 
-_STEPS = 200
-_STEPS_OF_AN_EPISODE = 120
+_STEPS = 130
+_STEPS_OF_AN_EPISODE = 80
 
 
 @pytest.mark.parametrize(("domain", "task"), twins.TASKS)

@@ -321,21 +321,51 @@ def _leaf(column: Column) -> str:
 def _to_arrow(column: Column, values: Values, rows: int) -> _Untyped:
     """A column's values of an episode of so many rows, as an array of pyarrow."""
     if isinstance(values, str):
-        indices = pa.array(np.zeros(rows, np.int32))
-        return pa.DictionaryArray.from_arrays(indices, pa.array([values]))
+        return pa.DictionaryArray.from_arrays(_array(np.zeros(rows, np.int32)), _text(values))
     kind = _type(column)
-    numbers = pa.array(np.ascontiguousarray(values).reshape(-1))
+    numbers = _array(np.ascontiguousarray(values).reshape(-1))
     if column.name.startswith(FIELD):
         ends = np.full(rows + 1, len(numbers), np.int32)
         ends[0] = 0
-        return pa.ListArray.from_arrays(pa.array(ends), numbers, type=kind)
+        return pa.ListArray.from_arrays(_array(ends), numbers, type=kind)
     if not column.is_of_step:
         return pa.FixedSizeListArray.from_arrays(numbers, type=kind) if column.shape else numbers
     if not column.shape:
         return pa.concat_arrays([numbers, pa.nulls(1, kind)])
     ends = np.minimum(np.arange(rows + 1, dtype=np.int32) * column.size, len(numbers))
-    mask = pa.array(np.arange(rows) == rows - 1)
-    return pa.ListArray.from_arrays(pa.array(ends.astype(np.int32)), numbers, type=kind, mask=mask)
+    mask = _array(np.arange(rows) == rows - 1)
+    return pa.ListArray.from_arrays(_array(ends.astype(np.int32)), numbers, type=kind, mask=mask)
+
+
+def _array(numbers: np.ndarray) -> _Untyped:
+    """Numbers, (n,), as an array of pyarrow.
+
+    `pyarrow.array` and `to_numpy` import pandas where it is installed, which takes 0.4 s.
+    """
+    is_bits = numbers.dtype == bool
+    memory = np.packbits(numbers, bitorder="little") if is_bits else numbers
+    kind = pa.from_numpy_dtype(numbers.dtype)
+    return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(memory)])
+
+
+def _text(text: str) -> _Untyped:
+    """An array of one text."""
+    memory = text.encode()
+    ends = np.array([0, len(memory)], np.int32)
+    return pa.Array.from_buffers(pa.string(), 1, [None, pa.py_buffer(ends), pa.py_buffer(memory)])
+
+
+def _numbers(array: _Untyped) -> np.ndarray:
+    """The numbers of an array without nulls, in its own memory if they are no bits; read-only."""
+    dtype = np.dtype(array.type.to_pandas_dtype())
+    if not len(array):
+        return np.empty(0, dtype)
+    memory = memoryview(array.buffers()[1]).toreadonly()
+    if dtype.kind != "b":
+        return np.frombuffer(memory, dtype, len(array), array.offset * dtype.itemsize)
+    bits = np.frombuffer(memory, np.uint8)
+    end = array.offset + len(array)
+    return np.unpackbits(bits, count=end, bitorder="little")[array.offset :].view(bool)
 
 
 def _from_arrow(column: Column, found: _Untyped, form: int) -> Values:
@@ -356,9 +386,9 @@ def _from_arrow(column: Column, found: _Untyped, form: int) -> Values:
     if column.name.startswith(FIELD):
         if len(array[0]) != column.size or len(array.flatten()) != column.size:
             raise ValueError(f"the column {column.name!r} has no {column.size} numbers in a row")
-        return array.flatten().to_numpy(zero_copy_only=False).reshape(column.shape)
+        return _numbers(array.flatten()).reshape(column.shape)
     numbers = array.flatten() if column.shape else array
-    return numbers.to_numpy(zero_copy_only=False).reshape(rows, *column.shape)
+    return _numbers(numbers).reshape(rows, *column.shape)
 
 
 def _of_steps(column: Column, array: _Untyped) -> _Untyped:
@@ -366,7 +396,7 @@ def _of_steps(column: Column, array: _Untyped) -> _Untyped:
     if array.null_count != 1 or array[-1].is_valid:
         raise ValueError(f"the column {column.name!r} is null elsewhere than in the last row")
     array = array[:-1]
-    if column.shape and (array.value_lengths().to_numpy() != column.size).any():
+    if column.shape and (_numbers(array.value_lengths()) != column.size).any():
         raise ValueError(f"the column {column.name!r} has no {column.size} numbers in a row")
     return array
 

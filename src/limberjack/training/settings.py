@@ -133,8 +133,8 @@ TABLE: Mapping[str, Settings] = MappingProxyType(
         # A control step is 10 ms, so that 4 make the same 40 ms as 2 elsewhere. Of swingup, batches
         # of 128 end at 810 and those of 256 at 800 to 860; fewer updates than actions end below
         # 700. An episode has 250 actions: a discount of 0.98 sees a fifth of it, as 0.99 does of
-        # 500, and had 828 after 88,000 steps where 0.99 had 733. swingup_sparse finds no rewards with
-        # them; with noise of 0.5 and an entropy of 0.01 it had 140 after 160,000 steps.
+        # 500, and had 828 after 88,000 steps where 0.99 had 733. swingup_sparse finds no rewards
+        # with them; with noise of 0.5 and an entropy of 0.01 it had 140 after 160,000 steps.
         "cartpole": Settings(
             steps=160_000, action_repeat=4, updates=1.0, batch_size=256, discount=0.98
         ),
