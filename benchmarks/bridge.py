@@ -5,10 +5,11 @@
 
 plays the bundled policies, and zero actions on the tasks of the set dmc28, on 100 seeds that no
 training has seen: in each of these environments with dm_control, and in this one with Limberjack.
-`bridge_player.py` plays on all sides, one process for each task and side. Results are in
-results/bridge.json, task by task, so that the same command continues where it was interrupted;
-what other versions or another policy file have played is played again. At the end, and without an
-environment only this, it writes the tables of docs/bridge.md and draws docs/images/bridge.svg.
+`bridge_player.py` plays on all sides, one process after the other. Results are in
+results/bridge.json, task by task, so that the same command continues where it was interrupted. The
+file is of one list of environments and versions: a run with others begins again, and a policy file
+that has changed is played again. At the end, and without an environment only this, it writes the
+tables of docs/bridge.md and draws docs/images/bridge.svg.
 """
 
 import dataclasses
@@ -20,7 +21,7 @@ import re
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -95,7 +96,7 @@ class Shift:
 
 
 def measure(
-    pythons: Sequence[str], only: Iterable[str] = (), file: Path = FILE, seeds: range = SEEDS
+    pythons: Sequence[str], only: Sequence[str] = (), file: Path = FILE, seeds: range = SEEDS
 ) -> None:
     """Plays what the file lacks, and adds it to the file.
 
@@ -104,12 +105,21 @@ def measure(
       only: names DOMAIN:TASK; all by default.
       file: of the results.
       seeds: of the episodes.
+
+    Raises:
+      ValueError: a name in `only` is not one of a task that is compared.
+      subprocess.CalledProcessError: a process failed; what was played before is in the file.
     """
+    wanted = list(_wanted(seeds))
+    unknown = set(only) - {f"{row['domain']}:{row['task']}" for row in wanted}
+    if unknown:
+        raise ValueError(
+            f"{min(unknown)} is not compared; expected tasks of {_SET} or bundled ones"
+        )
     sides = [(sys.executable, _HERE), *((python, _THERE) for python in pythons)]
     nothing = range(seeds.start, seeds.start)
     versions = [_play(*side, "pendulum", "swingup", nothing)["versions"] for side in sides]
     kept = {_key(row): row for row in rows_of(file) if row["versions"] == versions}
-    wanted = list(_wanted(seeds))
     kept = {key: row for key, row in kept.items() if key in map(_key, wanted)}
     for row in wanted:
         name = f"{row['domain']}:{row['task']}"
