@@ -29,6 +29,7 @@ _PARTS = {
     "scores/*-zero.json": ("suite/{domain}.*", "policies", "mujoco", "rl"),
     "arm_datasets/*": ("suite/manipulator.*", "suite/stacker.*", "planner", "mujoco", "rl"),
     "baselines.json": ("policies", *_SIMULATED),
+    "bridge.json": ("policies/mlp.py", "policies/pretrained/*", *_SIMULATED),
     "classes.json": ("planner", *_SIMULATED),
     "collecting.json": ("episodes", "policies", "workers", *_SIMULATED),
     "exactness.json": _SIMULATED,
