@@ -121,8 +121,6 @@ def test_what_was_remembered_is_put_back_and_stays_apart() -> None:
         assert len(task.delayed) == 1
         assert not hasattr(task, "more")
         task.means["number"] = 7  # which must not reach what is kept
-    memory.put_back({"task": {"more": 2}}, task, physics, is_complete=False)
-    assert (task.more, task.means["number"]) == (2, 7)
 
 
 def test_what_attributes_share_stays_shared_and_owners_stay_themselves() -> None:

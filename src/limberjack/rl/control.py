@@ -248,11 +248,12 @@ class Environment(dm_env.Environment):
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
-        if self._action_repeat != 1:
+        if self._action_repeat == 1:
+            self.reward_terms = terms
+        else:
             reward = self._reward_so_far = self._reward_so_far + reward
             sums, self._last_terms = self.reward_terms, terms
-            terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
-        self.reward_terms = terms
+            self.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
         observation = task.get_observation(physics)
         self._step_count += 1
         at_limit = self._step_count >= self._step_limit
