@@ -159,11 +159,11 @@ TABLE: Mapping[str, Settings] = MappingProxyType(
         "humanoid_CMU": Settings(
             steps=1_000_000, updates=1.0, batch_size=256, actor=(256, 256), critic=(512, 512)
         ),
-        # The optimal policy's costs, on ten starts of lqr_2_1, are multiplied by: bounds of 1, 2 and
-        # 4: 1.51, 1.11, 1.002; a discount of 0.99 and 0.998 for a control step: 1.54, 1.04; actions
-        # that are repeated 4 times: 1.004. The discount here is for 4 steps. Of two value functions
-        # the lower one is too careful: 1.10, and 1.05 with one. Each control step pays 1 less its
-        # cost, so the offset leaves the cost.
+        # On ten starts of lqr_2_1 the optimal policy's cost is multiplied by 1.51, 1.11 and 1.002
+        # with bounds of 1, 2 and 4, by 1.54 and 1.04 with a discount of 0.99 and 0.998 for a
+        # control step (this one is for 4), and by 1.004 if actions are repeated 4 times. Of two
+        # value functions the lower one is too careful: 1.10, and 1.05 with one. A control step pays
+        # 1 less its cost, so the offset leaves the cost.
         "lqr": Settings(
             steps=80_000,
             action_repeat=4,
