@@ -74,6 +74,7 @@ _UNDER_THE_WHOLE_SKY = {
     _TESTS / "contract" / "test_promises_models.py",
     *(_TESTS / "oracle" / f"test_{name}.py" for name in ("frames", "memory", "model_and_data")),
     *(_TESTS / "oracle" / f"test_{name}.py" for name in ("models", "task_files", "wrappers")),
+    _TESTS / "rl" / "test_row_trial.py",
 }
 
 

@@ -182,6 +182,8 @@ def _write(
     folder.mkdir()
     card = dataclasses.replace(card, seeds=(seed,), steps=1000)
     mlp.save(folder / "policy.safetensors", [(weights, offset)], card)
+    facts = {"settings": dataclasses.asdict(Settings())}
+    (folder / "training.json").write_text(json.dumps(facts))
     (folder / "curve.csv").write_text(
         "control_steps,agent_steps,processor_seconds,mean\n0,0,1.5,2\n"
     )

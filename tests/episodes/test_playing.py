@@ -266,7 +266,7 @@ def test_repeated_actions_see_the_stacks_of_an_environment_that_repeats_them(
         return environment
 
     seen: _Stacks = {}
-    seeds = [0, 1, 2, 64, 65]  # of which those from 64 begin in the middle of the others
+    seeds = [4, 5, 6, 68, 71]  # of which those from 64 begin in the middle of the others
     actor: Actor = EachRow("looking", None, _looking(seen))
     if is_alone:
         actor = Alone("looking", None, actor.begin_alone)

@@ -129,7 +129,8 @@ def put_back(memory: Memory, task: object, physics: object) -> None:
 def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
     """A context in which calls of a task leave no trace in the task, its stream or its physics.
 
-    An attribute that cannot be copied is used itself. The suite's own tasks remember nothing.
+    What cannot be copied, and a function in the place of a method, is used itself. The suite's own
+    tasks remember nothing.
     """
     if is_of_the_suite(task, physics):
         yield task
@@ -139,7 +140,9 @@ def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
     memo: dict[int, object] = {id(one): one for one in stay}
     try:
         for owner, attributes in _owned(task, physics):
-            for name, value in _copies_of(attributes, memo).items():
+            methods = set(_shadowed(type(owner), attributes))
+            values = {name: x for name, x in attributes.items() if name not in methods}
+            for name, value in _copies_of(values, memo).items():
                 object.__setattr__(owner, name, value)
         yield task
     finally:

@@ -177,8 +177,8 @@ TABLE: Mapping[str, Settings] = MappingProxyType(
         ),
         # Taken over from hopper.
         "manipulator": Settings(steps=1_000_000, updates=1.0, batch_size=256, critic=(256, 256)),
-        # Rewards are at the top alone, where one start in 20 is: episodes of 3 s have more starts than
-        # those of 20 s. It learns to hold the pole there, and not yet to swing it up.
+        # Rewards are at the top alone, where one start in 20 is: episodes of 3 s have more starts
+        # than those of 20 s. It learns to hold the pole there, and not yet to swing it up.
         "pendulum": Settings(
             steps=200_000, time_limit=3.0, noise=0.5, entropy=0.01, updates=1.0, batch_size=256
         ),
