@@ -270,7 +270,7 @@ def test_actions_without_bounds_are_drawn_and_learned_within_those_of_the_settin
 def test_each_row_of_the_table_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     used: list[Settings] = []
 
-    def caught(folder: object, factory: object, env: object, settings: Settings, *more: object):
+    def caught(folder: object, factory: object, settings: Settings, *more: object):
         used.append(settings)
         raise _KilledError
 
