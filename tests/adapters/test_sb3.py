@@ -402,3 +402,12 @@ def test_actions_without_limits_are_offered_between_minus_1_and_1(task: tuple[st
     assert (envs.action_space.low == -1).all()
     assert (envs.action_space.high == 1).all()
     assert envs.action_space.dtype == envs.vector_env.single_action_space.dtype
+
+
+@pytest.mark.parametrize(("domain", "bound"), [("lqr", 4), ("walker", 1)])
+def test_another_bound_is_for_actions_without_limits_only(domain: str, bound: float) -> None:
+    task = {"lqr": "lqr_2_1", "walker": "walk"}[domain]
+    envs = gym.load_vector(domain, task, 1, **_FLAT, autoreset_mode="SameStep")
+    space = sb3.VecEnv(envs, action_bound=4.0).action_space
+    assert (space.low == -bound).all()
+    assert (space.high == bound).all()

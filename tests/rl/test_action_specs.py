@@ -148,6 +148,12 @@ def test_unlimited_actions_are_tried_between_minus_1_and_1(
     assert (low.tolist(), high.tolist()) == ([expected[0]] * 2, [expected[1]] * 2)
 
 
+def test_unlimited_actions_are_tried_within_another_bound() -> None:
+    spec = specs.BoundedArray((4,), float, [-2, -np.inf, 5, -np.inf], [2, np.inf, np.inf, -4])
+    low, high = bounds_to_try(spec, 3.0)
+    assert (low.tolist(), high.tolist()) == ([-2, -3, 5, -10], [2, 3, 11, -4])
+
+
 @pytest.mark.parametrize("dtype", [float, np.float32, np.int64, np.uint8, bool])
 def test_finite_numbers_of_any_real_type_pass(dtype: type) -> None:
     check_finite(as_numbers(np.ones((2, 3), dtype)))

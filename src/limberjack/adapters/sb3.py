@@ -61,13 +61,16 @@ class VecEnv(vec_env.VecEnv):
     are any.
     """
 
-    def __init__(self, envs: gym.VectorEnv | Batch, seed: int | None = None) -> None:
+    def __init__(
+        self, envs: gym.VectorEnv | Batch, seed: int | None = None, action_bound: float = 1.0
+    ) -> None:
         """Takes over a batch, with float32 observations in one array, or a vector environment.
 
         Args:
           envs: the batch, not to be used elsewhere. A `VectorEnv` must have
             `autoreset_mode="SameStep"`.
           seed: as given to `seed`; None continues the rows' random streams.
+          action_bound: largest absolute action that is offered where the task has no bounds.
 
         Raises:
           TypeError: `envs` is neither a batch nor a vector environment.
@@ -79,7 +82,9 @@ class VecEnv(vec_env.VecEnv):
         self.vector_env = envs
         self._own: list[_ByName] = [{} for _ in range(envs.num_envs)]
         self._actions: np.ndarray | None = None
-        actions = action_space(_limited_spec(envs.batches[0]))
+        spec = envs.batches[0].single_action_spec()
+        low, high = bounds_to_try(spec, action_bound)
+        actions = action_space(specs.BoundedArray(spec.shape, spec.dtype, low, high))
         super().__init__(envs.num_envs, envs.single_observation_space, actions)
         if "render_fps" in envs.metadata:
             self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
@@ -251,13 +256,6 @@ def _check_vector_env(envs: gym.VectorEnv) -> None:
             "later observations overwrite earlier ones, and Stable-Baselines3 keeps them: make the "
             "VectorEnv with copy=True"
         )
-
-
-def _limited_spec(batch: Batch) -> specs.BoundedArray:
-    """The spec of one row's actions, with the bounds of random actions where it has none."""
-    spec = batch.single_action_spec()
-    low, high = bounds_to_try(spec)
-    return specs.BoundedArray(spec.shape, spec.dtype, low, high)
 
 
 def _infos_of_rows(info: Info, truncated: np.ndarray) -> list[_ByName]:

@@ -90,12 +90,12 @@ def open_bounds(spec: specs.BoundedArray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(low > -_WIDEST, low, -np.inf), np.where(high < _WIDEST, high, np.inf)
 
 
-def bounds_to_try(spec: specs.BoundedArray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds for random actions: those of the spec, or -1 and 1 where it is unlimited."""
+def bounds_to_try(spec: specs.BoundedArray, bound: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds for random actions: those of the spec, or +-`bound` where it is unlimited."""
     low, high = open_bounds(spec)
     has_low, has_high = np.isfinite(low), np.isfinite(high)
-    lower = np.where(has_low, low, np.minimum(-1.0, np.where(has_high, high - 2.0, -1.0)))
-    return lower, np.where(has_high, high, np.maximum(1.0, lower + 2.0))
+    lower = np.where(has_low, low, np.minimum(-bound, np.where(has_high, high - 2 * bound, -bound)))
+    return lower, np.where(has_high, high, np.maximum(bound, lower + 2 * bound))
 
 
 def _maps_actions(task: Task) -> bool:

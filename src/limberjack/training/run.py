@@ -19,14 +19,12 @@ from typing import cast
 
 import dm_env
 import numpy as np
-from dm_env import specs
 
 from limberjack import gym
 from limberjack.episodes.environments import inside, seconds_without_a_limit, step_limit_of
-from limberjack.gym.observations import action_space
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import mlp
-from limberjack.rl.action_specs import bounds_to_try, open_bounds
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batches import batch_of
 from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.see.report import LearningCurve, write_learning_plot
@@ -237,13 +235,6 @@ def _of_evaluations(factory: Factory) -> Factory:
     return factory.lasting(seconds_without_a_limit(environment))
 
 
-def _limited(spec: specs.BoundedArray, bound: float) -> specs.BoundedArray:
-    """The spec of actions, with the bounds +-`bound` where it has none."""
-    low, high = bounds_to_try(spec)
-    scale = np.where(np.isinf(open_bounds(spec)).all(axis=0), bound, 1.0)
-    return specs.BoundedArray(spec.shape, spec.dtype, low * scale, high * scale)
-
-
 class _Training:
     """A run in memory: the learner, its rows, the rows of evaluations, and the curve."""
 
@@ -268,11 +259,7 @@ class _Training:
                 stagger=stagger,
             )
             envs = gym.VectorEnv(batch, autoreset_mode="SameStep", flat=True, dtype="float32")
-            made = sb3.VecEnv(envs, first)
-            made.action_space = action_space(
-                _limited(batch.single_action_spec(), settings.action_bound)
-            )
-            return made
+            return sb3.VecEnv(envs, first, settings.action_bound)
 
         self._folder, self._settings, self._seed = folder, settings, seed
         self._began = began  # processor time of this process when it began
@@ -305,12 +292,12 @@ class _Training:
 
     def card(self, identity: Facts, command: str) -> mlp.Card:
         """The card of the final policy."""
-        batch = self._envs.vector_env.batches[0]
-        spec = _limited(batch.single_action_spec(), self._settings.action_bound)
+        spec = self._envs.vector_env.batches[0].single_action_spec()
+        low, high = bounds_to_try(spec, self._settings.action_bound)
         return mlp.Card(
             layout=tuple((part.name, tuple(part.shape)) for part in self._envs.vector_env.layout),
-            low=tuple(spec.minimum.ravel().tolist()),
-            high=tuple(spec.maximum.ravel().tolist()),
+            low=tuple(np.broadcast_to(low, spec.shape).ravel().tolist()),
+            high=tuple(np.broadcast_to(high, spec.shape).ravel().tolist()),
             activation="relu",
             end="tanh",
             action_repeat=self._settings.action_repeat,
