@@ -9,13 +9,13 @@ episodes.json: which policies they show. Call it again when a policy has been bu
 a few minutes with a software renderer.
 """
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
+import picture_index
 import typer
 
 from limberjack import policies, suite
@@ -32,7 +32,6 @@ MOST_BYTES = 4_000_000  # of the film, so that README loads quickly
 TILE = 140, 128  # pixels of a task in the film, with its caption
 PICTURE = 120, 160  # pixels of a task's picture, of which there are four side by side
 
-_INDEX = "episodes.json"
 _CAPTION = 28  # pixels
 _DOTS_PER_INCH = 100
 _COLUMNS = 7
@@ -54,11 +53,7 @@ class Episode(NamedTuple):
 
 def episodes(folder: Path = FOLDER) -> dict[str, Episode]:
     """The facts of all pictures in a folder, by 'domain-task'; empty if there are none."""
-    index = folder / _INDEX
-    if not index.exists():
-        return {}
-    found = json.loads(index.read_text(encoding="utf-8"))
-    return {name: Episode(**facts) for name, facts in found.items()}
+    return picture_index.read(folder, Episode)
 
 
 def columns_of(count: int) -> int:
@@ -163,9 +158,7 @@ def main(
         with replacing(out / f"{domain}.png") as partial:
             partial.write_bytes(png.encode(np.concatenate([strips[i] for i in places])))
     _write_film(out.with_suffix(".gif"), tiles)
-    with replacing(out / _INDEX) as partial:
-        listed = {name: episode._asdict() for name, episode in index.items()}
-        partial.write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
+    picture_index.write(out, index)
 
 
 if __name__ == "__main__":

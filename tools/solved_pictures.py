@@ -10,13 +10,13 @@ episodes.json. All tasks take about 20 core-minutes. The pictures need not be ma
 planner changes: they show what a solved task looks like, not how well it plays.
 """
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+import picture_index
 import typer
 
 from limberjack import suite
@@ -29,7 +29,6 @@ from limberjack.utils.files import replacing
 __all__ = ["FOLDER", "Episode", "draw", "episodes", "main", "play"]
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images" / "solved"
-_INDEX = "episodes.json"
 
 _SEEDS = 1003, 1000, 1001, 1002  # on which the planner was tuned; the first as in `make demo`
 _PICTURES = 4
@@ -49,11 +48,7 @@ class Episode(NamedTuple):
 
 def episodes(folder: Path = FOLDER) -> dict[str, Episode]:
     """The facts of all pictures in a folder, by 'domain-task'; empty if there are none."""
-    index = folder / _INDEX
-    if not index.exists():
-        return {}
-    found = json.loads(index.read_text(encoding="utf-8"))
-    return {name: Episode(**facts) for name, facts in found.items()}
+    return picture_index.read(folder, Episode)
 
 
 def play(domain: str, task: str, seed: int, steps: int | None = None) -> tuple[np.ndarray, float]:
@@ -128,9 +123,7 @@ def main(
         index[name] = Episode(seed, seconds, round(reward, 2))
         with replacing(out / f"{name}.png") as partial:
             partial.write_bytes(png.encode(picture))
-        with replacing(out / _INDEX) as partial:
-            listed = {key: index[key]._asdict() for key in sorted(index)}
-            partial.write_text(json.dumps(listed, indent=2) + "\n", encoding="utf-8")
+        picture_index.write(out, index)
         typer.echo(f"{name}: reward {reward:.2f} after {seconds[-1]:g} s", file=sys.stderr)
 
 

@@ -102,8 +102,8 @@ def test_the_player_plays_the_episodes_of_evaluate() -> None:
     begun = player.environments(suite, "walker", "walk", _SEEDS)
     found = [player.play(environment, network)["return"] for environment in begun]
     expected = evaluate("walker", "walk", "pretrained", _SEEDS, num_threads=1)
-    # The player adds the rewards without rounding.
     expected = [score.total for score in expected.scores["pretrained"]]
+    # The player adds 1,000 rewards without rounding, `evaluate` with a rounding of 1e-16 each.
     np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
