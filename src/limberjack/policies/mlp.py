@@ -37,6 +37,7 @@ Layer normalisation and recurrence have no form here.
 import dataclasses
 import json
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -330,12 +331,11 @@ def read(path: Path) -> bytes:
     """
     try:
         with open_regular(path) as file:
-            content = file.read(_MOST_BYTES + 1)
+            if os.fstat(file.fileno()).st_size > _MOST_BYTES:
+                raise ValueError(f"{path} has more than {_MOST_BYTES} bytes; expected a policy")
+            return file.read(_MOST_BYTES)
     except (OSError, ValueError) as error:
         raise PolicyError(str(error)) from error
-    if len(content) > _MOST_BYTES:
-        raise PolicyError(f"{path} has more than {_MOST_BYTES} bytes; expected a policy")
-    return content
 
 
 def parse(content: bytes, title: str) -> Mlp:
