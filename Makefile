@@ -24,8 +24,8 @@ IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadsco
 export PYTHONUNBUFFERED = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-slow test-exactness test-training test-minari test-scale test-gpu \
-	lint format clean check-python
+.PHONY: help demo docs test test-browser test-slow test-exactness test-training test-minari \
+	test-scale test-gpu lint format clean check-python
 .DELETE_ON_ERROR:
 
 help:  ## Show this list
@@ -40,9 +40,13 @@ docs: $(VENV)/installed-docs  ## Build the documentation as a site in site/
 	$(BIN)/python tools/build_site.py
 	@echo "To read it: $(BIN)/python -m http.server --directory site, then open http://localhost:8000"
 
-test: lint  ## Run ruff, pyright and all tests but the slow ones
+test: $(VENV)/installed-test  ## Run ruff, pyright and all tests but the slow ones
+	$(MAKE) --jobs 2 lint test-browser
 	$(BIN)/python -m pytest $(IN_PARALLEL) --ignore tests/browser
-	$(BIN)/python -m pytest tests/browser  # by themselves: they click in real time
+
+# Beside nothing but `lint`, which keeps one core busy: they click in real time.
+test-browser: $(VENV)/installed-test  ## Run the tests that open the viewer and pages in a browser
+	$(BIN)/python -m pytest tests/browser
 
 test-slow: $(VENV)/installed-test  ## Run the slow tests
 	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600
