@@ -92,15 +92,6 @@ def test_every_task_of_the_suite_names_its_cost(domain: str, task: str) -> None:
     assert cost.task is named
 
 
-def test_no_other_task_names_a_cost() -> None:
-    named = [
-        (domain, task)
-        for domain, task in suite.ALL_TASKS
-        if suite.load(domain, task, {"random": 0}).task.planner_cost is not None
-    ]
-    assert sorted(named) == sorted(PLANNED + SINGLE_STAGE)
-
-
 def test_the_files_are_those_that_plans_for_the_task_depend_on() -> None:
     shared = set(_PLANNER.glob("*.py"))
     for domain, task, folders in [

@@ -49,6 +49,7 @@ def test_the_planner_acts_in_the_environment_that_it_is_begun_in() -> None:
 
 def test_the_planner_is_refused_a_task_that_it_has_no_cost_for() -> None:
     environment = suite.load("lqr", "lqr_2_1")
+    environment.task.planner_cost = None
     with pytest.raises(policies.PolicyError, match="policy 'planner': "):
         policies.find("planner", environment)
     with pytest.raises(policies.PolicyError, match="policy 'planner': "):

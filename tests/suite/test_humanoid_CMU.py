@@ -119,10 +119,10 @@ def test_a_start_is_a_random_pose_at_rest_from_which_it_falls() -> None:
     assert kinds == {"face_up", "face_down", "on_side"}
 
 
-def test_the_task_is_that_of_the_humanoid_without_a_plan() -> None:
+def test_the_task_is_that_of_the_humanoid_with_a_cost_of_its_own() -> None:
     task = humanoid_CMU.HumanoidCMU(move_speed=3, random=0)
     assert isinstance(task, humanoid.Humanoid)
-    assert task.planner_cost is None
+    assert task.planner_cost != humanoid.Humanoid.planner_cost
     physics = humanoid_CMU.Physics.from_xml_string(*humanoid_CMU.get_model_and_assets())
     assert (physics.model.nq, physics.model.nv, physics.model.nu) == (63, 62, 56)
     with pytest.raises(TypeError, match="pure_state"):

@@ -244,6 +244,7 @@ class Stand(base.Task[Physics]):
     """
 
     GOAL = ("torso_height", "pelvis_height", "skull_upright", "torso_upright", "pelvis_upright")
+    planner_cost = "limberjack.planner.single_stage.standing:Dog"
     FACTORS: tuple[str, ...] = (*GOAL, "touch")  # the last is never below 0.9
 
     def __init__(self, random: Seed = None, observe_reward_factors: bool = False) -> None:

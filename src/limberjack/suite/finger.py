@@ -142,6 +142,7 @@ class Spin(_Task):
     """Spin the body; its hinge has little damping, and tip and target are invisible."""
 
     GOAL = ("spinning",)
+    planner_cost = "limberjack.planner.single_stage.turning:Spin"
     EPISODE_FIELDS = ("dof_damping", "site_rgba")
 
     def initialize_episode(self, physics: Physics) -> None:

@@ -122,6 +122,7 @@ class Upright(_Task):
     """Turn the torso upright; the target is invisible."""
 
     GOAL = ("upright",)
+    planner_cost = "limberjack.planner.single_stage.turning:FishUpright"
     EPISODE_FIELDS = ("geom_rgba",)
 
     def initialize_episode(self, physics: Physics) -> None:

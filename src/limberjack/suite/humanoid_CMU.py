@@ -92,7 +92,8 @@ class Physics(humanoid.Physics):
 class HumanoidCMU(humanoid.Humanoid):
     """Stand, or move at least at a given speed."""
 
+    planner_cost = "limberjack.planner.single_stage.standing:HumanoidCMU"
+
     def __init__(self, move_speed: float, random: Seed = None) -> None:
         """Creates the task; `move_speed` and `random` are those of `humanoid.Humanoid`."""
         super().__init__(move_speed, pure_state=False, random=random)
-        self.planner_cost = None  # the planner has none for this body

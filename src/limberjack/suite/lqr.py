@@ -137,6 +137,7 @@ class Physics(mujoco.Physics):
 class LQRLevel(base.Task[Physics]):
     """Bring everything to rest at a small cost of forces."""
 
+    planner_cost = "limberjack.planner.single_stage.travelling:Regulator"
     EPISODE_FIELDS = ("jnt_stiffness",)
 
     _TERMINAL_TOL = 1e-6  # norm of the state below which the episode ends

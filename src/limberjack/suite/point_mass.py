@@ -78,6 +78,7 @@ class PointMass(base.Task[Physics]):
     """Hold the ball at the target, with little effort."""
 
     GOAL = ("near_target",)
+    planner_cost = "limberjack.planner.single_stage.travelling:PointMass"
 
     def __init__(self, randomize_gains: bool, random: Seed = None) -> None:
         """Creates the task; `randomize_gains` draws the controls' directions for each episode."""

@@ -340,6 +340,7 @@ class Escape(base.Task[Physics]):
 
     EPISODE_FIELDS = ("hfield_data",)
     GOAL = ("upright", "escape")
+    planner_cost = "limberjack.planner.single_stage.travelling:Escape"
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws the terrain and the torso's orientation."""
@@ -377,6 +378,7 @@ class Fetch(base.Task[Physics]):
     """Bring a ball to the target at the origin."""
 
     GOAL = ("fetch",)
+    planner_cost = "limberjack.planner.single_stage.travelling:Fetch"
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws heading and position, and the velocity and position of the falling ball."""

@@ -132,6 +132,7 @@ class Swimmer(base.Task[Physics]):
     """Bring the nose to the target."""
 
     GOAL = ("near",)
+    planner_cost = "limberjack.planner.single_stage.travelling:Swimmer"
     STARTS = ("close", "far")
     EPISODE_FIELDS = ("geom_pos", "light_pos")  # the target, and the light above it
 

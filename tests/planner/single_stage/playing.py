@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from limberjack import suite
+from limberjack.mujoco.simulation import model_fields
 from limberjack.planner import Planner, cost_for
 from limberjack.utils.arrays import rows_of_a_batch
 
@@ -27,9 +28,8 @@ def terms_of(domain: str, task: str, *plants: Callable[[Any], None]) -> dict[str
     env = suite.load(domain, task, task_kwargs={"random": 0})
     env.reset()
     count = len(plants)
-    fields = [name for name in env.snapshot().physics if name in _EPISODE_FIELDS]
-    batch = env.physics.replicate(count, 1, fields).physics
     saved = env.snapshot().physics
+    batch = env.physics.replicate(count, 1, tuple(model_fields(saved))).physics
     batch.simulation.load({name: np.repeat(v, count, axis=0) for name, v in saved.items()})
     for row, plant in enumerate(plants):
         single = env.physics.copy()
@@ -39,6 +39,3 @@ def terms_of(domain: str, task: str, *plants: Callable[[Any], None]) -> dict[str
     batch.forward()
     with rows_of_a_batch(count):
         return cost_for(env.task).weighted_terms(batch)
-
-
-_EPISODE_FIELDS = ("geom_pos", "geom_size", "site_pos", "site_size")
