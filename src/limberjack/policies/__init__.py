@@ -28,6 +28,7 @@ which plays the rows of a batch or, alone, one environment. Nothing here trains.
 
 from limberjack.policies.built_in import BUILT_IN, planner, random, zero
 from limberjack.policies.kinds import ROWS, Act, Actor, Policy, PolicyError
+from limberjack.policies.learning import Learning, LearningCurve, known_tasks, learning_of
 from limberjack.policies.named import name_of
 from limberjack.policies.networks import PRETRAINED, Bundled, bundled
 from limberjack.policies.resolver import find
@@ -40,11 +41,15 @@ __all__ = [
     "Act",
     "Actor",
     "Bundled",
+    "Learning",
+    "LearningCurve",
     "Policy",
     "PolicyError",
     "bundled",
     "find",
     "is_saved_model",
+    "known_tasks",
+    "learning_of",
     "name_of",
     "planner",
     "random",

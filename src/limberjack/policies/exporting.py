@@ -297,11 +297,11 @@ def _affine(module: _Foreign) -> tuple[np.ndarray, np.ndarray]:
     )
     if mean is None:
         raise ValueError("it has a batch normalisation without running statistics")
-    gain, offset = 1 / np.sqrt(_numbers(var) + module.eps), np.zeros(len(mean))
-    if module.affine:
-        gain = gain * _numbers(module.scale if is_renorm else module.weight)
-        offset = _numbers(module.bias)
-    return gain, offset - _numbers(mean) * gain
+    measured = _numbers(mean), _numbers(var), module.eps
+    if not module.affine:
+        return mlp.affine(*measured)
+    scale = module.scale if is_renorm else module.weight
+    return mlp.affine(*measured, _numbers(scale), _numbers(module.bias))
 
 
 def _folded(layer: mlp.Layer, before: list[tuple[np.ndarray, np.ndarray]]) -> mlp.Layer:

@@ -26,10 +26,9 @@ bounds, or "none", clipped to them.
 
 Batch normalisation that acts without a batch's statistics is linear, and has no layer of its own:
 `folded` merges it into the layer that follows it. In the actors of CrossQ, of SBX and of
-sb3-contrib, each one precedes a layer: x becomes (x - mean) / sqrt(var + epsilon) * scale + bias,
-whose gain is scale / sqrt(var + epsilon) and whose offset is bias - mean * gain.
+sb3-contrib, each one precedes a layer; `affine` has its gain and its offset.
 
-    layers = [mlp.folded(layer, *affine) for layer, affine in zip(dense, normalisations)]
+    layer = mlp.folded(layer, *mlp.affine(mean, var, epsilon, scale, bias))
 
 Layer normalisation and recurrence have no form here.
 """
@@ -56,6 +55,7 @@ __all__ = [
     "Layout",
     "Mlp",
     "Scores",
+    "affine",
     "folded",
     "load",
     "parse",
@@ -288,6 +288,18 @@ def folded(layer: Layer, gain: npt.ArrayLike, offset: npt.ArrayLike) -> Layer:
     """
     weight, bias = (np.asarray(part, np.float64) for part in layer)
     return weight * np.asarray(gain, np.float64), bias + weight @ np.asarray(offset, np.float64)
+
+
+def affine(
+    mean: npt.ArrayLike,
+    var: npt.ArrayLike,
+    epsilon: float,
+    scale: npt.ArrayLike = 1.0,
+    bias: npt.ArrayLike = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The gain and the offset of (x - mean) / sqrt(var + epsilon) * scale + bias."""
+    gain = np.asarray(scale, np.float64) / np.sqrt(np.asarray(var, np.float64) + epsilon)
+    return gain, np.asarray(bias, np.float64) - np.asarray(mean, np.float64) * gain
 
 
 def save(path: Path | str, layers: Sequence[Layer], card: Card) -> None:
