@@ -10,6 +10,7 @@
 | `planner` | `limberjack.planner`, which plans from the environment's full state |
 | `pretrained` | the task's learned policy that the package brings; `bundled()` lists them |
 | `mlp:PATH` | a network in a file, with its card: see `limberjack.policies.mlp` |
+| `onnx:PATH` | a model of ONNX with such a card: see `limberjack.policies.onnx` |
 | `sb3:PATH` | a model that Stable-Baselines3 has saved, acting without exploration |
 | `MODULE:CALLABLE` | a function, an object or a class of your own |
 
