@@ -56,10 +56,9 @@ test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at
 	$(BIN)/python -m pytest -m 'slow or not slow' $(IN_PARALLEL) \
 		tests/oracle/test_variants.py tests/oracle/test_frames.py
 
-test-training: $(VENV)/installed-training  ## Run the tests of training, Stable-Baselines3, ONNX and the examples
+test-training: $(VENV)/installed-training  ## Run the tests of training, Stable-Baselines3 and the examples
 	$(BIN)/python -m pytest tests/training tests/cli/test_train.py tests/adapters/test_sb3.py \
-		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py \
-		tests/policies/test_onnx.py tests/examples
+		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py tests/examples
 
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format
 	$(BIN)/python -m pytest -m 'slow or not slow' tests/episodes/test_to_minari.py \
@@ -122,7 +121,7 @@ $(VENV)/installed-minari: $(VENV)/installed-test
 # PyTorch for the CPU is enough. Where pip's index has only the CUDA build, which is several GB, name
 # one that has it: make PIP_EXTRA_INDEX_URL=... test-training
 $(VENV)/installed-training: $(VENV)/installed-test
-	$(INSTALL) '.[test,train,sb3,onnx]'
+	$(INSTALL) '.[test,train,sb3]'
 	@touch $@
 
 # In an environment of its own: no other test may depend on the packages that Ray brings.

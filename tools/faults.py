@@ -455,10 +455,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        if at > len(content):\n", "        if False:\n"),
         ('graph.add("Min", graph.add("Max", x, least), most', 'graph.add("Max", x, least'),
     ],
-    "training/run.py": [
-        ("* _EVALUATIONS >= self._settings.steps", ">= self._settings.steps"),
-        ("first = _ROWS + MOST_ROWS * seed", "first = _ROWS + seed"),
-    ],
     "training/settings.py": [
         ("_is_count(value, MOST_ROWS)", "_is_count(value)"),
         ("return above < value < below", "return above <= value <= below"),

@@ -81,6 +81,16 @@ def test_a_model_acts_as_its_network_does(
 
 
 @pytest.mark.usefixtures("runtime")
+@pytest.mark.parametrize("end", mlp.ENDS)
+def test_the_bounds_are_in_the_model_too(end: str) -> None:
+    card = dataclasses.replace(CARD, end=end, low=(-0.1,), high=(0.1,))
+    network = mlp.Mlp([(np.full((1, 3), 50.0), np.zeros(1))], dataclasses.replace(card, sizes=()))
+    model = onnx.parse(onnx.content_of(network), "bounded")
+    x = np.array([[1, 1, 1], [-1, -1, -1]], np.float32)
+    np.testing.assert_array_equal(model._run(x), network.actions(x))
+
+
+@pytest.mark.usefixtures("runtime")
 @pytest.mark.parametrize("bundled", policies.bundled(), ids=lambda one: one.path.stem)
 def test_each_bundled_policy_is_a_model_too(bundled: policies.Bundled) -> None:
     network = mlp.load(bundled.path)

@@ -98,10 +98,7 @@ class OnnxPolicy:
             raise ValueError(
                 f"observation has shape {x.shape}; expected (..., {self.card.num_observations})"
             )
-        try:
-            found = self._run(x.reshape(-1, x.shape[-1]))
-        except ValueError as error:
-            raise PolicyError(str(error)) from error
+        found = self._run(x.reshape(-1, x.shape[-1]))
         return np.clip(found, self._least, self._most).reshape(*x.shape[:-1], -1)
 
     def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -133,13 +130,14 @@ class OnnxPolicy:
         return taken[0].name
 
     def _run(self, rows: np.ndarray) -> np.ndarray:
+        """What the model returns for flat observations, (N, observations)."""
         try:
             (found,) = self._session.run(None, {self._input: rows})
         except Exception as error:  # of classes that the runtime does not publish
-            raise ValueError(f"the model cannot compute ({_first_line(error)})") from error
+            raise PolicyError(f"the model cannot compute ({_beginning(error)})") from error
         expected = len(rows), len(self.card.low)
         if found.shape != expected:
-            raise ValueError(f"the model returned shape {found.shape}; expected {expected}")
+            raise PolicyError(f"the model returned shape {found.shape}; expected {expected}")
         return found
 
 
@@ -224,9 +222,9 @@ def _session(content: bytes) -> Any:  # Any: the package has no types
             content, options, providers=["CPUExecutionProvider"], enable_fallback=0
         )
     except Exception as error:  # of classes that the runtime does not publish
-        raise ValueError(f"the runtime refuses it ({_first_line(error)})") from error
+        raise ValueError(f"the runtime refuses it ({_beginning(error)})") from error
 
 
-def _first_line(error: Exception) -> str:
+def _beginning(error: Exception) -> str:
     """The beginning of an error that may quote a file from anyone."""
     return " ".join(str(error).split())[:200]
