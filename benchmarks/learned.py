@@ -27,10 +27,10 @@ import typer
 from limberjack import suite
 from limberjack.episodes.environments import seconds_without_a_limit
 from limberjack.evaluation import Evaluation, evaluate, published
-from limberjack.policies import mlp
+from limberjack.policies import learning, mlp
 from limberjack.see.report import write_learning_plot
 from limberjack.suite import lqr_solver
-from limberjack.training import Settings, curves, settings_for
+from limberjack.training import Settings, settings_for
 from limberjack.utils.files import replacing
 
 __all__ = [
@@ -218,8 +218,7 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
 def _time_limit(domain: str, task: str) -> float | None:
     """Seconds of an episode of a task without a time limit; None for a task that has one."""
     with suite.load(domain, task) as environment:
-        endless = environment.step_limit is None
-        return seconds_without_a_limit(environment) if endless else None
+        return seconds_without_a_limit(environment)
 
 
 def _settings(folder: Path) -> dict[str, object]:
@@ -308,7 +307,7 @@ def _rounded(run: _Result) -> list[tuple[int, float, float]]:
     return [(steps, round(seconds, 1), round(mean, 1)) for steps, seconds, mean in run["curve"]]
 
 
-def write_curves(file: Path = curves.FILE, picture: Path = PICTURE) -> None:
+def write_curves(file: Path = learning.FILE, picture: Path = PICTURE) -> None:
     """Writes the package's file of learning curves, and draws all of them.
 
     The picture's description is the SHA-256 of the file.
@@ -316,7 +315,7 @@ def write_curves(file: Path = curves.FILE, picture: Path = PICTURE) -> None:
     text = known_curves(results())
     with replacing(file) as partial:
         partial.write_text(text, encoding="utf-8")
-    tasks = list(curves.parse(text).values())
+    tasks = list(learning.parse(text).values())
     write_learning_plot(picture, tasks, hashlib.sha256(text.encode()).hexdigest())
 
 

@@ -386,7 +386,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "evaluation/protocol.py": [
         ("_ACTION_REPEAT if demanded is None else None", "_ACTION_REPEAT"),
         ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
-        ("seconds_without_a_limit(environment) if endless else None", "None"),
+        ("seconds_without_a_limit(environment), tuple", "None, tuple"),
         (
             "np.array([one.scores for one in self.tasks]).T",
             "np.array([o.scores for o in self.tasks])",
@@ -428,14 +428,36 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("np.clip(x, -self.card.clip, self.card.clip)", "np.clip(x, 0.0, self.card.clip)"),
         (
-            "        for name, shape in self.card.layout:\n",
-            "        for name, shape in sorted(self.card.layout):\n",
+            "    for name, shape in layout:\n",
+            "    for name, shape in sorted(layout):\n",
         ),
         ("np.where(least < low, np.nextafter(least, np.float32(np.inf)), least)", "least"),
         ("np.isfinite(weight).all() and np.isfinite(bias).all()", "np.isfinite(weight).all()"),
         ("x = (x - mean) / scale", "x = (x - mean) * scale"),
         ("bias + weight @ np.asarray(offset, np.float64)", "bias"),
         ("        if policy.card != card:\n", "        if False:\n"),
+    ],
+    "policies/onnx.py": [
+        ("np.clip(found, self._least, self._most)", "np.clip(found, -9.0, 9.0)"),
+        ("    options.log_severity_level = _FATAL\n", ""),
+        ("other.card = dataclasses.replace(self.card, layout=layout)", "other.card = self.card"),
+        ("sizes = card.sizes or (", "sizes = ("),
+    ],
+    "policies/onnx_models.py": [
+        ('if number == _PLACE and value != b"\\0":', "if False:"),
+        ("elif number == _OPERATOR and _text(value) in _RANDOM:", "elif False:"),
+        ("        if number == _DOMAIN:\n", "        if False:\n"),
+        (
+            "                if kind in (_TENSOR, _TENSORS):\n",
+            "                if kind == _TENSOR:\n",
+        ),
+        ("    if graphs != 1:\n", "    if graphs < 1:\n"),
+        ("        if at > len(content):\n", "        if False:\n"),
+        ('graph.add("Min", graph.add("Max", x, least), most', 'graph.add("Max", x, least'),
+    ],
+    "training/settings.py": [
+        ("_is_count(value, MOST_ROWS)", "_is_count(value)"),
+        ("return above < value < below", "return above <= value <= below"),
     ],
     "policies/networks.py": [
         ("if next(steps) % count == 0:", "if next(steps) % count == 1:"),

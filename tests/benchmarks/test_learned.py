@@ -14,9 +14,9 @@ import pytest
 from benchmarks import learned
 from limberjack import policies, suite
 from limberjack.evaluation import evaluate
-from limberjack.policies import mlp
+from limberjack.policies import learning, mlp
 from limberjack.suite import lqr_solver
-from limberjack.training import Settings, curves
+from limberjack.training import Settings
 
 _RESULTS = learned.results()
 _NAMES = [f"{one['domain']}-{one['task']}" for one in _RESULTS]
@@ -87,12 +87,12 @@ def test_changed_settings_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_package_has_the_curves_of_the_results() -> None:
-    assert curves.FILE.read_text("utf-8") == learned.known_curves(_RESULTS)
+    assert learning.FILE.read_text("utf-8") == learned.known_curves(_RESULTS)
 
 
 def test_the_figure_is_of_these_curves() -> None:
     text = learned.PICTURE.read_text("utf-8")
-    digest = hashlib.sha256(curves.FILE.read_bytes()).hexdigest()
+    digest = hashlib.sha256(learning.FILE.read_bytes()).hexdigest()
     (found,) = re.findall(r"<dc:description>\s*(\w+)\s*</dc:description>", text)
     assert found == digest, "draw it again: python benchmarks/learned.py"
     for name in _NAMES:

@@ -76,6 +76,7 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "imageio_ffmpeg": "limberjack.see.video",
     "matplotlib": "limberjack.see.report.curve",
     "minari": "limberjack.episodes.to_minari",
+    "onnxruntime": "limberjack.policies.onnx",
     "pyarrow": "limberjack.episodes.parquet",
     "ray": "limberjack.workers.ray_tasks",
     "mujoco_warp": "limberjack.gpu.backend",

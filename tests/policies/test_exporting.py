@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from limberjack import policies, suite
-from limberjack.policies import PolicyError, mlp
+from limberjack.policies import PolicyError, mlp, onnx
 from limberjack.policies.exporting import export
 from tests.policies.saved_models import without_sb3
 from tests.rollouts import run_episode
@@ -102,6 +102,31 @@ def _flat(domain: str = "walker", task: str = "walk") -> np.ndarray:
 def _assert_equal(path: Path, expected: np.ndarray, observations: np.ndarray) -> None:
     # Sums of float32 in another order; docs/policies.md promises 1e-5.
     np.testing.assert_allclose(mlp.load(path).actions(observations), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["PPO", "CrossQ"])
+def test_a_file_that_ends_in_onnx_is_a_model_of_onnx(
+    name: str, baselines: Any, tmp_path: Path
+) -> None:
+    pytest.importorskip("onnxruntime", reason="needs the extra 'onnx'")
+    model = _trained(tmp_path / "model.zip", baselines, name)
+    out = tmp_path / "p.onnx"
+    card = export(f"sb3:{tmp_path / 'model.zip'}", out, task=("walker", "walk"))
+    expected, _ = model.predict(_flat(), deterministic=True)
+    # Sums of float32 in another order; docs/policies.md promises 1e-5.
+    np.testing.assert_allclose(onnx.load(out).actions(_flat()), expected, atol=1e-5)
+    assert onnx.load(out).card == card
+    assert card.title == "walker walk"
+
+
+def test_a_model_of_onnx_is_not_written_without_the_extra(
+    baselines: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _trained(tmp_path / "model.zip", baselines, "PPO")
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(PolicyError, match="needs the extra 'onnx': pip install onnxruntime"):
+        export(f"sb3:{tmp_path / 'model.zip'}", tmp_path / "p.onnx")
+    assert not (tmp_path / "p.onnx").exists()
 
 
 @pytest.mark.parametrize("name", _SETTINGS)

@@ -166,8 +166,8 @@ def test_folding_merges_a_normalisation_into_the_layer_that_follows_it() -> None
     mean, var, scale, bias = stream.randn(9), stream.rand(9), stream.randn(9), stream.randn(9)
     x = stream.randn(5, 9)
     normalised = (x - mean) / np.sqrt(var + 1e-3) * scale + bias
-    gain = scale / np.sqrt(var + 1e-3)
-    weight, offset = (np.asarray(part) for part in mlp.folded(_LAYERS[0], gain, bias - mean * gain))
+    affine = mlp.affine(mean, var, 1e-3, scale, bias)
+    weight, offset = (np.asarray(part) for part in mlp.folded(_LAYERS[0], *affine))
     expected = normalised @ _LAYERS[0][0].T + _LAYERS[0][1]
     # The same sums of float64 in another order.
     np.testing.assert_allclose(x @ weight.T + offset, expected, rtol=1e-12, atol=1e-12)

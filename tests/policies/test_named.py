@@ -98,14 +98,17 @@ def test_the_reset_of_a_class_or_object_is_called_at_each_start(module: str, nam
             "zreo",
             "sb3:PATH or MODULE:CALLABLE. Did you mean 'zero'?",
         ),
-        ("", "expected zero, random, planner, pretrained, mlp:PATH, sb3:PATH or MODULE:CALLABLE"),
+        (
+            "",
+            "expected zero, random, planner, pretrained, mlp:PATH, onnx:PATH, sb3:PATH or MODULE:",
+        ),
         (
             ":act",
-            "expected zero, random, planner, pretrained, mlp:PATH, sb3:PATH or MODULE:CALLABLE",
+            "expected zero, random, planner, pretrained, mlp:PATH, onnx:PATH, sb3:PATH or MODULE:",
         ),
         (
             "{}:",
-            "expected zero, random, planner, pretrained, mlp:PATH, sb3:PATH or MODULE:CALLABLE",
+            "expected zero, random, planner, pretrained, mlp:PATH, onnx:PATH, sb3:PATH or MODULE:",
         ),
         ("not_a_module:act", "there is no module 'not_a_module'; run from the directory"),
         ("{}.deeper:act", "there is no module 'policies_of_a_user.deeper'"),

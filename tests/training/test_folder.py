@@ -1,33 +1,36 @@
 """A folder belongs to one run, and what is in it is whole."""
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from limberjack.training.folder import Folder
+from limberjack.training.folder import Folder, opened
 
 _IDENTITY: dict[str, Any] = {"task": "walk", "seed": 0, "settings": {"steps": 10}}
 
 
-def _opened(directory: Path, **changed: object) -> Folder:
-    return Folder(directory, {**_IDENTITY, **changed}, {"command": "limberjack train"})
+def _opened(directory: Path, **changed: object) -> contextlib.AbstractContextManager[Folder]:
+    return opened(directory, {**_IDENTITY, **changed}, {"command": "limberjack train"})
+
+
+def _open(directory: Path, **changed: object) -> None:
+    with _opened(directory, **changed):
+        pass
 
 
 def test_a_folder_opens_again_with_the_same_identity(tmp_path: Path) -> None:
     for _ in range(2):
-        folder = _opened(tmp_path / "run")
-        assert not folder.is_finished
-        assert folder.load() is None
-        folder.close()
+        with _opened(tmp_path / "run") as folder:
+            assert not folder.policy.exists()
+            assert folder.load() is None
 
 
 def test_one_process_at_a_time_writes(tmp_path: Path) -> None:
-    folder = _opened(tmp_path)
-    with pytest.raises(ValueError, match="another process writes to"):
-        _opened(tmp_path)
-    folder.close()
-    _opened(tmp_path).close()
+    with _opened(tmp_path), pytest.raises(ValueError, match="another process writes to"):
+        _open(tmp_path)
+    _open(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -40,18 +43,18 @@ def test_one_process_at_a_time_writes(tmp_path: Path) -> None:
 def test_another_run_is_refused_by_name(
     changed: dict[str, object], message: str, tmp_path: Path
 ) -> None:
-    _opened(tmp_path).close()
+    _open(tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(ValueError, match=message):
-        _opened(tmp_path, **changed)
+        _open(tmp_path, **changed)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-    _opened(tmp_path).close()  # the lock is free
+    _open(tmp_path)  # the lock is free
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
     with pytest.raises(ValueError, match=r"has other files, such as thesis.tex"):
-        _opened(tmp_path)
+        _open(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -59,35 +62,33 @@ def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
 def test_a_damaged_identity_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "training.json").write_bytes(content)
     with pytest.raises(ValueError, match=r"training\.json is damaged: choose another folder"):
-        _opened(tmp_path)
+        _open(tmp_path)
 
 
 def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path) -> None:
-    _opened(tmp_path).close()
+    _open(tmp_path)
     left = tmp_path / ".policy.0123456789abcdef.safetensors"
     left.write_bytes(b"half")
     mine = tmp_path / ".gitignore"
     mine.write_text("*")
-    _opened(tmp_path).close()
+    _open(tmp_path)
     assert not left.exists()
     assert mine.exists()
 
 
 def test_a_checkpoint_is_replaced_whole_and_removed_at_the_end(tmp_path: Path) -> None:
-    folder = _opened(tmp_path)
-    folder.save({"steps": 1})
-    folder.save({"steps": 2})
-    with pytest.raises(TypeError, match="pickle"):
-        folder.save({"steps": 3, "not to be pickled": (i for i in range(3))})
-    assert folder.load() == {"steps": 2}
-    folder.finish()
-    assert folder.load() is None
-    folder.close()
+    with _opened(tmp_path) as folder:
+        folder.save({"steps": 1})
+        folder.save({"steps": 2})
+        with pytest.raises(TypeError, match="pickle"):
+            folder.save({"steps": 3, "not to be pickled": (i for i in range(3))})
+        assert folder.load() == {"steps": 2}
+        folder.finish()
+        assert folder.load() is None
 
 
 def test_a_damaged_checkpoint_is_named(tmp_path: Path) -> None:
-    folder = _opened(tmp_path)
-    (tmp_path / "checkpoint.pickle").write_bytes(b"half")
-    with pytest.raises(ValueError, match=r"checkpoint.pickle is damaged .*: remove it"):
-        folder.load()
-    folder.close()
+    with _opened(tmp_path) as folder:
+        (tmp_path / "checkpoint.pickle").write_bytes(b"half")
+        with pytest.raises(ValueError, match=r"checkpoint.pickle is damaged .*: remove it"):
+            folder.load()

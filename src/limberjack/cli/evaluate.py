@@ -63,7 +63,7 @@ _Policies = Annotated[
         "--policy",
         metavar="NAME",
         help="What acts: zero, random, planner, pretrained, MODULE:CALLABLE, or a file: mlp:PATH, "
-        "sb3:PATH. "
+        "onnx:PATH, sb3:PATH. "
         "With --set, {domain} and {task} stand for those of each task, and each --policy is a run.",
         show_default="zero",
     ),

@@ -22,7 +22,10 @@ def _export(
         str, typer.Argument(metavar="sb3:PATH", help="A model that Stable-Baselines3 has saved.")
     ],
     out: Annotated[
-        Path, typer.Argument(metavar="FILE", help="The policy file, such as walker.safetensors.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="The policy file, such as walker.safetensors or walker.onnx."
+        ),
     ],
     task: Annotated[
         str | None,
@@ -38,14 +41,18 @@ def _export(
 ) -> None:
     """Write the policy of a saved model to a file that is played without PyTorch, as mlp:FILE.
 
+    A file whose name ends in .onnx is a model of ONNX, which is played as onnx:FILE.
+
     The file acts as the model does without exploration, within 1e-5 of the actions' range, and
     loading it runs no code. A `VecNormalize` saved beside the model, such as
     walker.vecnormalize.pkl, is part of it.
     """
     with misuse_reported():
         search_working_directory(policy)
+        from limberjack.policies import onnx
         from limberjack.policies.exporting import export
 
         of_task = None if task is None else named_task(task, None)
         export(policy, out, task=of_task, action_repeat=action_repeat)
-    typer.echo(f"{out}: --policy mlp:{out}")
+    kind = "onnx" if out.suffix == onnx.ENDING else "mlp"
+    typer.echo(f"{out}: --policy {kind}:{out}")

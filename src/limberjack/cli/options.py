@@ -59,7 +59,7 @@ PolicyName = Annotated[
     typer.Option(
         metavar="NAME",
         help="What acts: zero, random, planner, pretrained, MODULE:CALLABLE, or a file: mlp:PATH, "
-        "sb3:PATH.",
+        "onnx:PATH, sb3:PATH.",
     ),
 ]
 EnvironmentName = Annotated[

@@ -48,14 +48,13 @@ def checked_environment(
     if is_kept and not factory.is_known:
         raise ValueError(
             f"{factory.title} cannot be distinguished from other functions of that name, so its "
-            "results cannot be kept: define make(seed) at the top level of a module, or pass no "
-            "folder"
+            "results cannot be kept in a folder: define make(seed) at the top level of a module"
         )
     environment = factory.make(seeds[0])
     if inside(environment).step_limit is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a "
-            "time_limit (--time-limit SECONDS)"
+            "time_limit (--time-limit SECONDS), or to train it time_limit = SECONDS in its settings"
         )
     if "environment" in factory.facts:  # a user's own
         with contextlib.closing(factory.make(seeds[0])) as trial:
@@ -118,9 +117,10 @@ def _control_timestep(environment: dm_env.Environment) -> float:
     return inside(environment).control_timestep()
 
 
-def seconds_without_a_limit(environment: dm_env.Environment) -> float:
-    """Seconds that a task without a time limit is scored for: 1,000 control steps."""
-    return _USUAL_STEPS * inside(environment).control_timestep()
+def seconds_without_a_limit(environment: dm_env.Environment) -> float | None:
+    """Seconds that a task without a time limit is scored for, 1,000 control steps; else None."""
+    inner = inside(environment)
+    return _USUAL_STEPS * inner.control_timestep() if inner.step_limit is None else None
 
 
 def step_limit_of(environment: dm_env.Environment) -> int | None:

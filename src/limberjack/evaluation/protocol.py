@@ -302,9 +302,7 @@ def _plan(environment: Environment, runs: Sequence[object], domain: str, task: s
             raise PolicyError(f"{_name_of(run) or 'a run'} has no policy for it")
         demanded = policies.find(policy, environment, num_threads=1).action_repeat
         repeats.append(_ACTION_REPEAT if demanded is None else None)
-    endless = environment.step_limit is None
-    seconds = seconds_without_a_limit(environment) if endless else None
-    return _Plan(seconds, tuple(chosen), tuple(repeats))
+    return _Plan(seconds_without_a_limit(environment), tuple(chosen), tuple(repeats))
 
 
 def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> TaskScores:

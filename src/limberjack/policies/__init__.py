@@ -10,6 +10,7 @@
 | `planner` | `limberjack.planner`, which plans from the environment's full state |
 | `pretrained` | the task's learned policy that the package brings; `bundled()` lists them |
 | `mlp:PATH` | a network in a file, with its card: see `limberjack.policies.mlp` |
+| `onnx:PATH` | a model of ONNX with such a card: see `limberjack.policies.onnx` |
 | `sb3:PATH` | a model that Stable-Baselines3 has saved, acting without exploration |
 | `MODULE:CALLABLE` | a function, an object or a class of your own |
 
@@ -28,6 +29,7 @@ which plays the rows of a batch or, alone, one environment. Nothing here trains.
 
 from limberjack.policies.built_in import BUILT_IN, planner, random, zero
 from limberjack.policies.kinds import ROWS, Act, Actor, Policy, PolicyError
+from limberjack.policies.learning import Learning, LearningCurve, known_tasks, learning_of
 from limberjack.policies.named import name_of
 from limberjack.policies.networks import PRETRAINED, Bundled, bundled
 from limberjack.policies.resolver import find
@@ -40,11 +42,15 @@ __all__ = [
     "Act",
     "Actor",
     "Bundled",
+    "Learning",
+    "LearningCurve",
     "Policy",
     "PolicyError",
     "bundled",
     "find",
     "is_saved_model",
+    "known_tasks",
+    "learning_of",
     "name_of",
     "planner",
     "random",

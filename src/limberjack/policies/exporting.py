@@ -7,6 +7,8 @@ acts as the model does without exploration: both are compared before the file is
 normalisation is folded into the layers, and a `VecNormalize` beside the model becomes the card's
 `mean`, `scale` and `clip`.
 
+A file whose name ends in .onnx is a model of ONNX with the same card, and needs the extra `onnx`.
+
 Networks on pictures, of several observations through layers of their own, and with other layers
 than those of `policies.mlp` are refused by name.
 """
@@ -22,7 +24,7 @@ import numpy as np
 
 from limberjack import suite
 from limberjack.mujoco.fingerprint import fingerprint, versions
-from limberjack.policies import mlp
+from limberjack.policies import mlp, onnx
 from limberjack.policies.kinds import PolicyError
 from limberjack.policies.networks import check_fit, layout_of
 from limberjack.policies.saved import read_model, runs_code
@@ -71,7 +73,7 @@ def export(
 
     Args:
       policy: `sb3:PATH`; the file contains pickled Python, which runs.
-      out: the file, which by custom ends in .safetensors.
+      out: the file, which by custom ends in .safetensors; of ONNX if it ends in .onnx.
       task: domain and task that it was trained on, which the model does not know. With it the card
         has the names of the observations, and the policy is refused in tasks with others; without
         it, in tasks with another number.
@@ -86,6 +88,7 @@ def export(
       OSError: the file cannot be written.
     """
     repeat = at_least_one("action_repeat", action_repeat)
+    is_onnx = Path(out).suffix == onnx.ENDING
     if not runs_code(policy):
         raise PolicyError(f"policy is {policy!r}; expected sb3:PATH, a model to export")
     environment = None if task is None else suite.load(*task, {"random": 0})
@@ -95,6 +98,8 @@ def export(
         model = sb3.SavedModel(read_model(policy))
         network = _converted(model, repeat)
         _check_equal(model, network)
+        if is_onnx:
+            _check_equal(model, onnx.parse(onnx.content_of(network), str(out)))
     except PolicyError:
         raise
     except (ImportError, ValueError) as error:
@@ -102,7 +107,10 @@ def export(
     card = network.card
     if task is not None and environment is not None:
         card = _of_task(policy, card, environment, *task)
-    mlp.save(out, network.layers, card)
+    if is_onnx:
+        onnx.save(out, mlp.Mlp(network.layers, card))
+    else:
+        mlp.save(out, network.layers, card)
     return card
 
 
@@ -297,11 +305,11 @@ def _affine(module: _Foreign) -> tuple[np.ndarray, np.ndarray]:
     )
     if mean is None:
         raise ValueError("it has a batch normalisation without running statistics")
-    gain, offset = 1 / np.sqrt(_numbers(var) + module.eps), np.zeros(len(mean))
-    if module.affine:
-        gain = gain * _numbers(module.scale if is_renorm else module.weight)
-        offset = _numbers(module.bias)
-    return gain, offset - _numbers(mean) * gain
+    measured = _numbers(mean), _numbers(var), module.eps
+    if not module.affine:
+        return mlp.affine(*measured)
+    scale = module.scale if is_renorm else module.weight
+    return mlp.affine(*measured, _numbers(scale), _numbers(module.bias))
 
 
 def _folded(layer: mlp.Layer, before: list[tuple[np.ndarray, np.ndarray]]) -> mlp.Layer:
@@ -314,7 +322,7 @@ def _numbers(tensor: _Foreign) -> np.ndarray:
     return tensor.detach().cpu().numpy().astype(np.float64)
 
 
-def _check_equal(model: _Foreign, network: mlp.Mlp) -> None:
+def _check_equal(model: _Foreign, network: mlp.Mlp | onnx.OnnxPolicy) -> None:
     """Raises ValueError unless the file would act as the model does at drawn observations."""
     card = network.card
     drawn = np.random.RandomState(0).randn(_TRIALS, card.num_observations)

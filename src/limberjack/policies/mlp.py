@@ -26,12 +26,13 @@ bounds, or "none", clipped to them.
 
 Batch normalisation that acts without a batch's statistics is linear, and has no layer of its own:
 `folded` merges it into the layer that follows it. In the actors of CrossQ, of SBX and of
-sb3-contrib, each one precedes a layer: x becomes (x - mean) / sqrt(var + epsilon) * scale + bias,
-whose gain is scale / sqrt(var + epsilon) and whose offset is bias - mean * gain.
+sb3-contrib, each one precedes a layer; `affine` has its gain and its offset.
 
-    layers = [mlp.folded(layer, *affine) for layer, affine in zip(dense, normalisations)]
+    layer = mlp.folded(layer, *mlp.affine(mean, var, epsilon, scale, bias))
 
-Layer normalisation and recurrence have no form here.
+Layer normalisation and recurrence have no form here; `policies.onnx` plays networks of any form.
+
+The card has more lines than the network. They are one idea: what makes weights a policy.
 """
 
 import dataclasses
@@ -50,12 +51,17 @@ from limberjack.utils.files import open_regular, replacing
 
 __all__ = [
     "ACTIVATIONS",
+    "CARD_KEY",
     "ENDS",
+    "LEAKY_SLOPE",
     "Card",
     "Layer",
     "Layout",
     "Mlp",
     "Scores",
+    "affine",
+    "flattened",
+    "float32_bounds",
     "folded",
     "load",
     "parse",
@@ -69,7 +75,7 @@ Layer = tuple[npt.ArrayLike, npt.ArrayLike]
 Layout = tuple[tuple[str, tuple[int, ...]], ...]
 
 _FORMAT = 1
-_KEY = "limberjack"  # of the card in the header
+CARD_KEY = "limberjack"  # of the card in the header
 # Limits for files from anyone. The largest policy that is bundled has about 2 MB.
 _MOST_BYTES = 2**28
 _MOST_HEADER = 2**21
@@ -79,7 +85,7 @@ _MOST_AXES = 32  # of an observation
 _MOST_REPEAT = 1000  # control steps per action
 _LONGEST_COMMAND = 10_000  # characters
 _LONGEST_TEXT = 200  # characters of all others
-_LEAKY_SLOPE = 0.01  # of PyTorch's and JAX's leaky_relu
+LEAKY_SLOPE = 0.01  # of PyTorch's and JAX's leaky_relu
 _LENGTH_NBYTES = 8  # of the header's length, at the beginning of the file
 
 
@@ -91,7 +97,7 @@ def _silu(x: np.ndarray) -> np.ndarray:
 ACTIVATIONS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "relu": lambda x: np.maximum(x, np.float32(0)),
     "relu6": lambda x: np.clip(x, np.float32(0), np.float32(6)),
-    "leaky_relu": lambda x: np.where(x > 0, x, np.float32(_LEAKY_SLOPE) * x),
+    "leaky_relu": lambda x: np.where(x > 0, x, np.float32(LEAKY_SLOPE) * x),
     "elu": lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, np.float32(0)))),
     "silu": _silu,
     "tanh": np.tanh,
@@ -175,6 +181,19 @@ class Card:
         """The card as values of JSON."""
         return {"format": _FORMAT, **dataclasses.asdict(self)}
 
+    def as_text(self) -> str:
+        """The card as one line of JSON; equal cards give equal texts."""
+        return json.dumps(self.as_json(), sort_keys=True, separators=(",", ":"))
+
+    @classmethod
+    def of_text(cls, text: str | bytes) -> "Card":
+        """The card that `as_text` gave, each entry checked.
+
+        Raises:
+          ValueError: it is none; the message names the entry.
+        """
+        return cls.of_json(_parsed("its card", text))
+
     @classmethod
     def of_json(cls, content: object) -> "Card":
         """The card that `as_json` gave, each entry checked.
@@ -216,13 +235,9 @@ class Mlp:
         self.layers = tuple((_float32(weight), _float32(bias)) for weight, bias in layers)
         sizes = _sizes(self.layers)
         self.card = card = Card.of_json(dataclasses.replace(card, sizes=sizes).as_json())
-        low, high = np.array(card.low), np.array(card.high)
-        # Bounds that float32 cannot represent are rounded inward.
-        least, most = low.astype(np.float32), high.astype(np.float32)
-        self._least = np.where(least < low, np.nextafter(least, np.float32(np.inf)), least)
-        self._most = np.where(most > high, np.nextafter(most, np.float32(-np.inf)), most)
-        self._half_width = (high - low) / 2
-        self._low = low
+        self._least, self._most = float32_bounds(card)
+        self._low = np.array(card.low)
+        self._half_width = (np.array(card.high) - self._low) / 2
         self._norm = None
         if card.mean is not None and card.scale is not None:
             self._norm = np.array(card.mean), np.array(card.scale)
@@ -255,14 +270,11 @@ class Mlp:
 
         Those that the card does not name are ignored.
         """
-        count = len(next(iter(observations.values())))
-        flat = np.empty((count, self.card.num_observations), np.float32)
-        start = 0
-        for name, shape in self.card.layout:
-            stop = start + math.prod(shape)
-            flat[:, start:stop] = np.reshape(observations[name], (count, -1))
-            start = stop
-        return self.actions(flat)
+        return self.actions(flattened(self.card.layout, observations))
+
+    def with_layout(self, layout: Layout) -> "Mlp":
+        """The same network for an environment with these names of its observations."""
+        return Mlp(self.layers, dataclasses.replace(self.card, layout=layout))
 
     def _normalised(self, x: np.ndarray) -> np.ndarray:
         if self._norm is None:
@@ -279,6 +291,26 @@ class Mlp:
         return np.clip(x, self._least, self._most)
 
 
+def flattened(layout: Layout, observations: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Observations of (N, ...) by name in the order of a layout: (N, size), float32."""
+    count = len(next(iter(observations.values())))
+    flat = np.empty((count, sum(math.prod(shape) for _, shape in layout)), np.float32)
+    start = 0
+    for name, shape in layout:
+        stop = start + math.prod(shape)
+        flat[:, start:stop] = np.reshape(observations[name], (count, -1))
+        start = stop
+    return flat
+
+
+def float32_bounds(card: Card) -> tuple[np.ndarray, np.ndarray]:
+    """The bounds of the actions, rounded inward where float32 cannot represent them."""
+    low, high = np.array(card.low), np.array(card.high)
+    least, most = low.astype(np.float32), high.astype(np.float32)
+    least = np.where(least < low, np.nextafter(least, np.float32(np.inf)), least)
+    return least, np.where(most > high, np.nextafter(most, np.float32(-np.inf)), most)
+
+
 def folded(layer: Layer, gain: npt.ArrayLike, offset: npt.ArrayLike) -> Layer:
     """The layer that does for x what `layer` does for x * gain + offset; see the docstring above.
 
@@ -288,6 +320,18 @@ def folded(layer: Layer, gain: npt.ArrayLike, offset: npt.ArrayLike) -> Layer:
     """
     weight, bias = (np.asarray(part, np.float64) for part in layer)
     return weight * np.asarray(gain, np.float64), bias + weight @ np.asarray(offset, np.float64)
+
+
+def affine(
+    mean: npt.ArrayLike,
+    var: npt.ArrayLike,
+    epsilon: float,
+    scale: npt.ArrayLike = 1.0,
+    bias: npt.ArrayLike = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The gain and the offset of (x - mean) / sqrt(var + epsilon) * scale + bias."""
+    gain = np.asarray(scale, np.float64) / np.sqrt(np.asarray(var, np.float64) + epsilon)
+    return gain, np.asarray(bias, np.float64) - np.asarray(mean, np.float64) * gain
 
 
 def save(path: Path | str, layers: Sequence[Layer], card: Card) -> None:
@@ -306,10 +350,9 @@ def save(path: Path | str, layers: Sequence[Layer], card: Card) -> None:
     from safetensors import numpy as tensors_of
 
     policy = Mlp(layers, card)
-    text = json.dumps(policy.card.as_json(), sort_keys=True, separators=(",", ":"))
     pairs = enumerate(policy.layers)
     tensors = {_name(i, j): part for i, pair in pairs for j, part in enumerate(pair)}
-    content = tensors_of.save(tensors, {_KEY: text})
+    content = tensors_of.save(tensors, {CARD_KEY: policy.card.as_text()})
     with replacing(Path(path)) as partial:
         partial.write_bytes(content)
 
@@ -351,7 +394,7 @@ def parse(content: bytes, title: str) -> Mlp:
     import safetensors
 
     try:
-        card = Card.of_json(_card_of(content))
+        card = Card.of_text(_card_of(content))
         entries = safetensors.deserialize(content)
         policy = Mlp(_layers({name: _array(entry) for name, entry in entries}), card)
         if policy.card != card:
@@ -366,17 +409,17 @@ def parse(content: bytes, title: str) -> Mlp:
     return policy
 
 
-def _card_of(content: bytes) -> object:
-    """The card in the header of a file; raises ValueError if there is none."""
+def _card_of(content: bytes) -> str:
+    """The text of the card in the header of a file; raises ValueError if there is none."""
     length = int.from_bytes(content[:_LENGTH_NBYTES], "little")
     if len(content) < _LENGTH_NBYTES or length > min(len(content) - _LENGTH_NBYTES, _MOST_HEADER):
         raise ValueError("it is cut off, or not in the format safetensors")
     header = _parsed("its header", content[_LENGTH_NBYTES : _LENGTH_NBYTES + length])
     metadata = header.get("__metadata__") if isinstance(header, dict) else None
-    text = metadata.get(_KEY) if isinstance(metadata, dict) else None
+    text = metadata.get(CARD_KEY) if isinstance(metadata, dict) else None
     if not isinstance(text, str):
-        raise ValueError(f"its header has no card under the name {_KEY!r}")
-    return _parsed("its card", text)
+        raise ValueError(f"its header has no card under the name {CARD_KEY!r}")
+    return text
 
 
 def _parsed(what: str, text: str | bytes) -> object:

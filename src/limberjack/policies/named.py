@@ -149,7 +149,7 @@ def _found(name: str) -> object:
     """The function, object or class that MODULE:CALLABLE names."""
     if not _is_dotted(name):
         raise PolicyError(
-            f"policy is {name!r}; expected {', '.join(BUILT_IN)}, mlp:PATH, sb3:PATH or "
+            f"policy is {name!r}; expected {', '.join(BUILT_IN)}, mlp:PATH, onnx:PATH, sb3:PATH or "
             f"MODULE:CALLABLE.{did_you_mean(name, BUILT_IN)}"
         )
     return found_named(f"policy {name!r}", name)

@@ -1,4 +1,4 @@
-"""Networks in files as policies: `mlp:PATH`, and `pretrained`, the bundled one of a task.
+"""Networks in files as policies: `mlp:PATH`, `onnx:PATH`, and `pretrained`, a task's bundled one.
 
     actor = network_policy("mlp:walk.safetensors", content, environment)
     actor = pretrained(environment)
@@ -17,9 +17,9 @@ import functools
 import hashlib
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import cast
+from typing import Protocol, cast
 
 import dm_env
 import numpy as np
@@ -42,6 +42,7 @@ __all__ = [
     "OTHER_SCORES",
     "PRETRAINED",
     "Bundled",
+    "Network",
     "bundled",
     "check_fit",
     "layout_of",
@@ -114,18 +115,41 @@ def pretrained(environment: dm_env.Environment | None) -> Actor:
     return network_policy(PRETRAINED, mlp.read(path), environment)
 
 
-def network_policy(name: str, content: bytes, environment: dm_env.Environment) -> Actor:
+class Network(Protocol):
+    """A network with a card, as `mlp.Mlp` is one."""
+
+    @property
+    def card(self) -> mlp.Card:
+        """Its card."""
+        ...
+
+    def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The actions, (N, actions), at observations of (N, ...) by name."""
+        ...
+
+    def with_layout(self, layout: mlp.Layout) -> "Network":
+        """The same network for an environment with these names of its observations."""
+        ...
+
+
+def network_policy(
+    name: str,
+    content: bytes,
+    environment: dm_env.Environment,
+    parse: Callable[[bytes, str], Network] = mlp.parse,
+) -> Actor:
     """The policy in a file; its episodes are independent of each other.
 
     Args:
       name: for results and messages.
       content: of the file.
       environment: the one to act in.
+      parse: gives the network in the content of a file with a title.
 
     Raises:
       PolicyError: it is no such file, or the policy does not fit the environment.
     """
-    policy = mlp.parse(content, f"policy {name!r}")
+    policy = parse(content, f"policy {name!r}")
     actor = _Network(name, hashlib.sha256(content).hexdigest(), policy, environment)
     others = _differences(policy.card, environment)
     if others:
@@ -137,7 +161,7 @@ class _Network(Batched):
     """A network, which acts on 64 rows at once."""
 
     def __init__(
-        self, name: str, sha256: str, policy: mlp.Mlp, environment: dm_env.Environment
+        self, name: str, sha256: str, policy: Network, environment: dm_env.Environment
     ) -> None:
         """Raises PolicyError if the policy does not fit the environment."""
         super().__init__(name, sha256, _fitted(name, policy, environment).act_batch)
@@ -200,13 +224,13 @@ def check_fit(name: str, card: mlp.Card, environment: dm_env.Environment) -> Non
         raise PolicyError(f"policy {name!r} does not fit: {problem}")
 
 
-def _fitted(name: str, policy: mlp.Mlp, environment: dm_env.Environment) -> mlp.Mlp:
+def _fitted(name: str, policy: Network, environment: dm_env.Environment) -> Network:
     """The policy with the environment's layout; raises PolicyError if it does not fit."""
     check_fit(name, policy.card, environment)
     here = layout_of(environment)
     if not (_is_flat(here) or _is_flat(policy.card.layout)):
         return policy
-    return mlp.Mlp(policy.layers, dataclasses.replace(policy.card, layout=here))
+    return policy.with_layout(here)
 
 
 def _is_flat(layout: mlp.Layout) -> bool:

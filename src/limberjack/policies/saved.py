@@ -1,11 +1,12 @@
-"""Policies in files, by the prefix of their names: `sb3:PATH` and `mlp:PATH`.
+"""Policies in files, by the prefix of their names: `sb3:PATH`, `mlp:PATH` and `onnx:PATH`.
 
     actor = saved_policy("sb3:walk.zip", environment)
     act = actor.begin_alone(environment, seed)
 
 A model is shown 64 rows, as in `limberjack.evaluation`, so that an episode is the same, bit for
-bit, whichever command plays it. `limberjack.sb3` reads the files of Stable-Baselines3, and
-`policies.mlp` those of the format safetensors. A new kind of files is one more entry of `_KINDS`.
+bit, whichever command plays it. `limberjack.sb3` reads the files of Stable-Baselines3,
+`policies.mlp` those of the format safetensors, and `policies.onnx` those of ONNX. A new kind of
+files is one more entry of `_KINDS`.
 """
 
 import dataclasses
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import dm_env
 
-from limberjack.policies import mlp
+from limberjack.policies import mlp, onnx
 from limberjack.policies.actors import Batched, Deferred
 from limberjack.policies.kinds import Actor, PolicyError
 from limberjack.policies.networks import network_policy
@@ -141,9 +142,16 @@ def _network(name: str, files: _Files, environment: dm_env.Environment) -> Actor
     return network_policy(name, content, environment)
 
 
+def _model(name: str, files: _Files, environment: dm_env.Environment) -> Actor:
+    (content,) = files.values()
+    return network_policy(name, content, environment, onnx.parse)
+
+
 _WRITES_NETWORKS = "`limberjack train` or mlp.save"
+_WRITES_MODELS = "`limberjack export` or onnx.save"
 _KINDS = {
     "sb3:": _Kind("model.save", _import_sb3, _read_sb3, _sb3, runs_code=True),
     "mlp:": _Kind(_WRITES_NETWORKS, lambda: None, _read_network, _network, runs_code=False),
+    "onnx:": _Kind(_WRITES_MODELS, onnx.check_installed, _read_network, _model, runs_code=False),
 }
 _PREFIXES = tuple(_KINDS)

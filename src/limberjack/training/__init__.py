@@ -8,7 +8,6 @@
 `limberjack train cartpole swingup --out cartpole` does the same. See docs/training.md.
 """
 
-from limberjack.training.curves import known_tasks, learning_of
 from limberjack.training.run import Evaluation, Run, TrainingError, train
 from limberjack.training.settings import TABLE, Settings, read_settings, settings_for
 
@@ -18,8 +17,6 @@ __all__ = [
     "Run",
     "Settings",
     "TrainingError",
-    "known_tasks",
-    "learning_of",
     "read_settings",
     "settings_for",
     "train",

@@ -1,4 +1,4 @@
-"""`Folder`: the files of one run, from which the same command continues after a kill.
+"""`opened`: the files of one run, from which the same command continues after a kill.
 
     training.json       what identifies the run, and the versions and the command that began it
     curve.csv           one line for each evaluation
@@ -11,10 +11,11 @@ Each file is written whole or not at all. The checkpoint is a pickle, because a 
 any object: continue only runs of people whom you trust.
 """
 
+import contextlib
 import json
 import pickle
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, open_regular, read_regular, replacing
 from limberjack.workers.identity import first_difference
 
-__all__ = ["POLICY", "Folder"]
+__all__ = ["POLICY", "Folder", "opened"]
 
 POLICY = "policy.safetensors"
 _IDENTITY = "training.json"
@@ -32,73 +33,19 @@ _UNFINISHED = re.compile(r"\.\w+\.[0-9a-f]{16}\.\w+")  # see `utils.files.Partia
 
 
 class Folder:
-    """See the module's docstring. It is locked until `close`.
+    """See the module's docstring.
 
     Attributes:
       policy, curve, picture, events: paths.
     """
 
-    def __init__(self, directory: Path, identity: Facts, more: Facts) -> None:
-        """Opens the folder of a run, or makes one.
-
-        Args:
-          directory: its path.
-          identity: what must be equal for the run to continue, as values of JSON.
-          more: what is written beside it when the run begins.
-
-        Raises:
-          ValueError: it has another run or other files, or another process writes there; nothing
-            was changed.
-          OSError: it cannot be read or written.
-        """
+    def __init__(self, directory: Path) -> None:
+        """Takes the path of an existing folder."""
         self.policy = directory / POLICY
         self.curve = directory / "curve.csv"
         self.picture = directory / "curve.png"
         self.events = directory / "tensorboard"
-        self._directory = directory
         self._checkpoint = directory / "checkpoint.pickle"
-        directory.mkdir(parents=True, exist_ok=True)
-        self._hold = Hold(directory)
-        try:
-            self._check(json.loads(json.dumps(identity)))
-            for path in directory.glob(".*"):
-                if _UNFINISHED.fullmatch(path.name):  # of a process that was killed
-                    path.unlink()
-            if not (directory / _IDENTITY).exists():
-                with replacing(directory / _IDENTITY) as partial:
-                    text = json.dumps({**identity, **more}, indent=2)
-                    partial.write_text(f"{text}\n", encoding="utf-8")
-        except BaseException:
-            self._hold.release()
-            raise
-
-    def _check(self, identity: Facts) -> None:
-        """Raises ValueError unless the folder is empty or has this run."""
-        path = self._directory / _IDENTITY
-        if not path.exists():
-            others = [one.name for one in self._directory.iterdir() if one.name[0] != "."]
-            if others:
-                raise ValueError(
-                    f"{self._directory} has other files, such as {min(others)}: choose a new folder"
-                )
-            return
-        try:
-            found = json.loads(read_regular(path))
-            kept = {name: found[name] for name in identity}
-        except (ValueError, KeyError, TypeError):
-            raise ValueError(f"{path} is damaged: choose another folder") from None
-        difference = first_difference(identity, kept)
-        if difference is not None:
-            name, here, there = difference
-            raise ValueError(
-                f"{self._directory} has a run whose {name} is {there!r}, not {here!r}: choose "
-                "another folder"
-            )
-
-    @property
-    def is_finished(self) -> bool:
-        """Whether the final policy is here."""
-        return self.policy.exists()
 
     def write_curve(self, columns: Sequence[str], numbers: np.ndarray) -> None:
         """Writes curve.csv, with all digits."""
@@ -130,6 +77,53 @@ class Folder:
         """Removes the checkpoint, once the policy has been written."""
         self._checkpoint.unlink(missing_ok=True)
 
-    def close(self) -> None:
-        """Lets other processes write here."""
-        self._hold.release()
+
+@contextlib.contextmanager
+def opened(directory: Path, identity: Facts, more: Facts) -> Iterator[Folder]:
+    """The folder of a run, which is made if there is none; other processes cannot write there.
+
+    Args:
+      directory: its path.
+      identity: what must be equal for the run to continue, as values of JSON.
+      more: what is written beside it when the run begins.
+
+    Raises:
+      ValueError: it has another run or other files, or another process writes there; nothing was
+        changed.
+      OSError: it cannot be read or written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    with Hold(directory):
+        path = directory / _IDENTITY
+        _check(path, json.loads(json.dumps(identity)))
+        for left in directory.glob(".*"):
+            if _UNFINISHED.fullmatch(left.name):  # of a process that was killed
+                left.unlink()
+        if not path.exists():
+            with replacing(path) as partial:
+                text = json.dumps({**identity, **more}, indent=2)
+                partial.write_text(f"{text}\n", encoding="utf-8")
+        yield Folder(directory)
+
+
+def _check(path: Path, identity: Facts) -> None:
+    """Raises ValueError unless the folder of a run's identity is empty, or has this one."""
+    directory = path.parent
+    if not path.exists():
+        others = [one.name for one in directory.iterdir() if one.name[0] != "."]
+        if others:
+            raise ValueError(
+                f"{directory} has other files, such as {min(others)}: choose a new folder"
+            )
+        return
+    try:
+        found = json.loads(read_regular(path))
+        kept = {name: found[name] for name in identity}
+    except (ValueError, KeyError, TypeError):
+        raise ValueError(f"{path} is damaged: choose another folder") from None
+    difference = first_difference(identity, kept)
+    if difference is not None:
+        name, here, there = difference
+        raise ValueError(
+            f"{directory} has a run whose {name} is {there!r}, not {here!r}: choose another folder"
+        )

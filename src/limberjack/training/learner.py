@@ -1,12 +1,12 @@
 """`Learner`: CrossQ of SBX on a `sb3.VecEnv`; needs the extra `train`.
 
-    learner = Learner(envs, settings, seed=0, envs_seed=1000, folder=Path("events"))
+    learner = Learner(envs, settings, seed=0, folder=Path("events"))
     learner.learn(before_step)              # calls before_step() between two updates
     state = learner.state()                 # all that its future depends on, besides the rows
     layers = learner.layers()               # of the averaged policy
 
-What acts in evaluations, and is written at the end, is an average of the latest policies, without
-noise. Rows are explored with the present one.
+`layers`, which act in evaluations and are written at the end, are an average of the latest
+policies. Rows are explored with the present one.
 
 No other file imports sbx, jax or flax. JAX computes in one thread: networks of this size gain
 nothing from more, and the same state then gives the same bits. JAX reads this setting when it is
@@ -41,18 +41,16 @@ try:
         from flax import serialization  # pyright: ignore[reportMissingImports]
         from stable_baselines3.common import (  # pyright: ignore[reportMissingImports]
             buffers,
-            callbacks,
             logger,
             noise,
         )
 except ImportError as error:
     raise missing_extra("train") from error
 
-__all__ = ["ALGORITHM", "Learner"]
+__all__ = ["Learner"]
 
 _Tree = Any  # of JAX's arrays, or an object that has them: these packages have no types
 
-ALGORITHM = "CrossQ"
 _LOSSES = ("train/critic_loss", "train/actor_loss")
 # Attributes of SB3's algorithm and of its buffer.
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_episode_starts")
@@ -62,35 +60,31 @@ _WEIGHTS = ("params", "batch_stats")
 # between 500 and 780 within 30,000 control steps, and their averages between 798 and 812.
 _AVERAGED = 3000
 _NOISY = 0.5  # share of a run until whose end the noise falls to 0
-_HELD = 10  # actions after which the correlation of the noise has fallen to 1 / e
+# Correlation of the noise with that of the action before: 1 / e after ten actions.
+_KEPT = math.exp(-1 / 10)
 _EPSILON = 0.001  # that SBX's BatchRenorm adds to a variance
 
 
 class Learner:
     """The algorithm with its networks, optimisers, random streams and transitions."""
 
-    def __init__(
-        self, envs: "VecEnv", settings: Settings, seed: int, envs_seed: int, folder: Path
-    ) -> None:
+    def __init__(self, envs: "VecEnv", settings: Settings, seed: int, folder: Path) -> None:
         """Makes a learner that has learned nothing.
 
         Args:
           envs: the rows, whose time limits truncate: the values of states after them count.
           settings: numbers of the algorithm.
-          seed: of the networks, the exploration and the batches.
-          envs_seed: of the first row.
+          seed: of the networks, the exploration and the batches; the rows are seeded with it too.
           folder: of the events of TensorBoard.
         """
         self._envs = envs
         self._settings = settings
         jax.config.update("jax_platforms", "cpu")
         self._noise = _Noise((envs.num_envs, *envs.action_space.shape))
-        arguments = {
-            **_arguments(settings),
-            "action_noise": self._noise if settings.noise else None,
-        }
-        self._model: _Tree = sbx.CrossQ("MlpPolicy", envs, seed=seed, **arguments)
-        envs.seed(envs_seed)  # the algorithm has given the rows its own seed
+        noisy = {"action_noise": self._noise} if settings.noise else {}
+        self._model: _Tree = sbx.CrossQ(
+            "MlpPolicy", envs, seed=seed, **noisy, **_arguments(settings)
+        )
         self._average = _weights(self._model.policy.actor_state)
         self._events = logger.configure(str(folder), ["tensorboard"])
         self._model.set_logger(self._events)
@@ -106,16 +100,17 @@ class Learner:
         Args:
           before_step: called before all rows take a step, when the state is complete.
         """
-
-        def prepare() -> None:
+        self._step(0)  # begins episodes, unless they go on
+        while self.actions_taken < _actions(self._settings):
             before_step()
             self._add_to_average()
             done = self.actions_taken / _actions(self._settings)
             self._noise.std = self._settings.noise * max(0.0, 1 - done / _NOISY)
+            self._step(self._envs.num_envs)
 
-        left = _actions(self._settings) - self.actions_taken
-        if left > 0:
-            self._model.learn(left, _Before(prepare), log_interval=None, reset_num_timesteps=False)
+    def _step(self, actions: int) -> None:
+        """Takes so many actions over all rows, and learns from them."""
+        self._model.learn(actions, log_interval=None, reset_num_timesteps=False)
 
     def _add_to_average(self) -> None:
         """Adds the present policy to the average, in which older ones count less and less.
@@ -129,38 +124,27 @@ class Learner:
             present = _weights(self._model.policy.actor_state)
             self._average = _mixed(self._average, present, np.float32(min(share, 1.0)))
 
-    def act(self, observations: np.ndarray) -> np.ndarray:
-        """The actions of the averaged policy, (N, ...), at observations, (N, size)."""
-        policy = self._model.policy
-        present = policy.actor_state
-        policy.actor_state = present.replace(**self._average)
-        try:
-            return self._model.predict(observations, deterministic=True)[0]
-        finally:
-            policy.actor_state = present
-
     def losses(self) -> dict[str, float]:
         """The last losses by name; empty before the first update."""
         found = self._events.name_to_value
         return {name: found[name] for name in _LOSSES if name in found}
 
-    def write_events(self, control_steps: int, values: Mapping[str, float]) -> None:
-        """Writes values for TensorBoard, beside the last ones of the algorithm."""
-        for name, value in values.items():
-            self._events.record(name, value)
+    def write_events(self, control_steps: int, mean: float, processor_seconds: float) -> None:
+        """Writes an evaluation for TensorBoard, beside the last values of the algorithm."""
+        self._events.record("evaluation/return", mean)
+        self._events.record("evaluation/processor_seconds", processor_seconds)
         self._events.dump(control_steps)
 
     def state(self) -> dict[str, object]:
         """Networks, optimisers, transitions, counters, random streams and last observations."""
         model, buffer = self._model, self._model.replay_buffer
-        kept = buffer.buffer_size if buffer.full else buffer.pos
         return {
             "networks": serialization.to_bytes(self._networks()),
             "keys": [np.asarray(key) for key in self._keys()],
             "numpy": np.random.get_state(legacy=True),
             "actions": model.action_space.np_random.bit_generator.state,
             "counters": {name: getattr(model, name) for name in _COUNTERS},
-            "transitions": {name: getattr(buffer, name)[:kept] for name in _TRANSITIONS},
+            "transitions": {name: getattr(buffer, name)[: buffer.size()] for name in _TRANSITIONS},
             "place": (buffer.pos, buffer.full),
             "noise": self._noise.values,
         }
@@ -198,20 +182,15 @@ class Learner:
 
         The batch normalisation before each of them is folded into it.
         """
-        numbers = range(len(self._settings.actor) + 1)
-        return [mlp.folded(self._dense(i), *self._normalisation(i)) for i in numbers]
-
-    def _dense(self, number: int) -> mlp.Layer:
-        """The weight, (out, in), and the bias of a layer."""
-        layer = self._average["params"][f"Dense_{number}"]
-        return np.asarray(layer["kernel"]).T, np.asarray(layer["bias"])
-
-    def _normalisation(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """The gain and the offset of the batch normalisation before a layer."""
-        learned, measured = (self._average[part][f"BatchRenorm_{number}"] for part in _WEIGHTS)
-        gain = np.asarray(learned["scale"], float)
-        gain = gain / np.sqrt(np.asarray(measured["var"], float) + _EPSILON)
-        return gain, np.asarray(learned["bias"], float) - np.asarray(measured["mean"], float) * gain
+        learned, measured = (self._average[part] for part in _WEIGHTS)
+        layers = []
+        for number in range(len(self._settings.actor) + 1):
+            dense, name = learned[f"Dense_{number}"], f"BatchRenorm_{number}"
+            mean, var = measured[name]["mean"], measured[name]["var"]
+            scale, bias = learned[name]["scale"], learned[name]["bias"]
+            affine = mlp.affine(mean, var, _EPSILON, scale, bias)
+            layers.append(mlp.folded((dense["kernel"].T, dense["bias"]), *affine))
+        return layers
 
     def close(self) -> None:
         """Writes the last events; the rows are not closed."""
@@ -276,26 +255,11 @@ class _Noise(noise.VectorizedActionNoise):  # pyright: ignore[reportUntypedBaseC
         self.std = 0.0
 
     def __call__(self) -> np.ndarray:
-        kept = math.exp(-1 / _HELD)
         drawn = np.random.normal(0, self.std, self.values.shape)
-        self.values = kept * self.values + math.sqrt(1 - kept**2) * drawn
+        self.values = _KEPT * self.values + math.sqrt(1 - _KEPT**2) * drawn
         return self.values
 
     def reset(self, indices: list[int] | None = None) -> None:
         """Begins again in some rows; not in all, which SB3 asks for whenever learning goes on."""
         if indices is not None:
             self.values[indices] = 0
-
-
-class _Before(callbacks.BaseCallback):
-    """Calls a function before each step."""
-
-    def __init__(self, function: Callable[[], None]) -> None:
-        super().__init__()
-        self._function = function
-
-    def _on_rollout_start(self) -> None:
-        self._function()
-
-    def _on_step(self) -> bool:
-        return True

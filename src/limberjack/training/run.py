@@ -5,9 +5,10 @@
     run.policy                  # walker/policy.safetensors, for `--policy mlp:PATH`
 
 A run of a finished folder only reports it. Rows, evaluation and users' episodes have seeds of
-different blocks: see `_ROWS` and `_EVALUATION`.
+different blocks: see `_ROWS` and `_EVALUATED`.
 """
 
+import contextlib
 import dataclasses
 import importlib
 import math
@@ -17,20 +18,22 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-import dm_env
 import numpy as np
 
-from limberjack import gym
-from limberjack.episodes.environments import inside, seconds_without_a_limit, step_limit_of
+from limberjack.episodes.environments import (
+    checked_environment,
+    inside,
+    seconds_without_a_limit,
+)
+from limberjack.episodes.playing import play
 from limberjack.mujoco.fingerprint import fingerprint, versions
-from limberjack.policies import mlp
-from limberjack.rl.action_specs import bounds_to_try
+from limberjack.policies import LearningCurve, learning_of, mlp
+from limberjack.policies.actors import Batched
 from limberjack.rl.batches import batch_of
 from limberjack.rl.pixels import PIXELS_KEY
-from limberjack.see.report import LearningCurve, write_learning_plot
-from limberjack.training.curves import learning_of
-from limberjack.training.folder import POLICY, Folder
-from limberjack.training.settings import Settings, settings_for
+from limberjack.see.report import write_learning_plot
+from limberjack.training.folder import POLICY, Folder, opened
+from limberjack.training.settings import MOST_ROWS, Settings, settings_for
 from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import WorkError
@@ -39,10 +42,9 @@ from limberjack.workers.factories import Factory, Make, factory_of
 __all__ = ["Evaluation", "Run", "TrainingError", "train"]
 
 # Blocks of seeds, which no one else uses by default: `evaluate` begins at 0.
-_ROWS = 1_000_000_000  # row i of the run with seed s begins with _ROWS + 1000 * s + i
-_ROWS_OF_A_RUN = 1000
-_EVALUATION = 2_100_000_000
-_EPISODES = 10  # of an evaluation: their mean has a tenth of the variance
+_ROWS = 1_000_000_000  # row i of the run with seed s begins with _ROWS + MOST_ROWS * s + i
+# Of an evaluation: the mean of ten episodes has a tenth of the variance.
+_EVALUATED = range(2_100_000_000, 2_100_000_010)
 _EVALUATIONS = 20  # after the one at the beginning; together they take a few % of the time
 _RUNS = 1_000_000  # seeds of runs
 _PATIENCE = 60.0  # seconds after which there is another checkpoint
@@ -52,7 +54,7 @@ _OnProgress = Callable[[int, int, float], object]
 _FORMAT = 1  # of the folder
 _COLUMNS = (
     *("control_steps", "agent_steps", "processor_seconds", "mean"),
-    *(f"return_{number}" for number in range(1, _EPISODES + 1)),
+    *(f"return_{number}" for number in range(1, len(_EVALUATED) + 1)),
 )
 
 
@@ -151,39 +153,28 @@ def train(
     if not (Path(out) / POLICY).exists():  # a finished run is reported without the packages
         importlib.import_module("limberjack.training.learner")
     factory = factory_of(domain, task, settings.time_limit)
-    environment = _checked(factory, settings)
-    identity, more = _facts(factory, environment, settings, seed), {"command": command}
-    folder = Folder(Path(out), identity, {**more, "versions": versions()})
-    stream = np.random.get_state()  # NumPy's global one, which the algorithm draws from
-    try:
-        if folder.is_finished:
-            folder.finish()
-            run = Run(folder.policy, _read_curve(folder.curve), settings, True)
-            return _with_picture(run, folder, identity)
-        training = _Training(folder, factory, settings, seed, began)
-        try:
+    identity = _identified(factory, settings, seed)
+    more = {"command": command, "versions": versions()}
+    with contextlib.ExitStack() as stack:
+        # NumPy's global stream, which the algorithm draws from.
+        stack.callback(np.random.set_state, np.random.get_state())
+        folder = stack.enter_context(opened(Path(out), identity, more))
+        was_finished = folder.policy.exists()
+        if not was_finished:
+            training = _Training(folder, factory, settings, {**identity, **more}, began)
+            stack.callback(training.close)
             training.run(on_progress)
-            mlp.save(folder.policy, training.learner.layers(), training.card(identity, command))
-        finally:
-            training.close()
         folder.finish()
-        run = Run(folder.policy, tuple(training.curve), settings, False)
+        run = Run(folder.policy, _read_curve(folder.curve), settings, was_finished)
         return _with_picture(run, folder, identity)
-    finally:
-        np.random.set_state(stream)
-        folder.close()
 
 
 def _with_picture(run: Run, folder: Folder, identity: Facts) -> Run:
     """The run with a picture of its curve, which is drawn unless there is one."""
     if not folder.picture.exists():
+        steps, _, seconds, means, *_ = _numbers(run.curve).T
+        own = LearningCurve(f"this run, seed {identity['seed']}", steps, seconds, means)
         known = learning_of(identity.get("domain", ""), identity.get("task", ""))
-        own = LearningCurve(
-            f"this run, seed {identity['seed']}",
-            np.array([one.control_steps for one in run.curve]),
-            np.array([one.processor_seconds for one in run.curve]),
-            np.array([one.mean for one in run.curve]),
-        )
         drawn = known._replace(title=title_of(identity), own=own)
         try:
             write_learning_plot(folder.picture, [drawn])
@@ -192,30 +183,11 @@ def _with_picture(run: Run, folder: Folder, identity: Facts) -> Run:
     return dataclasses.replace(run, picture=folder.picture)
 
 
-def _checked(factory: Factory, settings: Settings) -> dm_env.Environment:
-    """An environment of the factory; raises ValueError if it cannot be trained."""
-    if not factory.is_known:
-        raise ValueError(
-            f"{factory.title} cannot be distinguished from other functions of that name, so a run "
-            "cannot be continued: define make(seed) at the top level of a module"
-        )
-    environment = factory.make(0)
-    if inside(environment).step_limit is None:
-        raise ValueError(
-            f"{factory.title} has no time limit, so an episode might never end: give it one, or a "
-            "task named by its domain time_limit = SECONDS in its settings"
-        )
+def _identified(factory: Factory, settings: Settings, seed: int) -> Facts:
+    """Facts that identify a run, as values of JSON; raises ValueError if it cannot be trained."""
+    environment = checked_environment(factory, [0], is_kept=True)
     if PIXELS_KEY in cast(Mapping[str, object], environment.observation_spec()):
         raise ValueError(f"{factory.title} observes pictures; expected numbers only")
-    if settings.num_envs > _ROWS_OF_A_RUN:
-        raise ValueError(f"num_envs is {settings.num_envs}; expected at most {_ROWS_OF_A_RUN}")
-    return environment
-
-
-def _facts(
-    factory: Factory, environment: dm_env.Environment, settings: Settings, seed: int
-) -> Facts:
-    """Facts that identify a run, as values of JSON."""
     return {
         "format": _FORMAT,
         **factory.facts,
@@ -226,145 +198,123 @@ def _facts(
     }
 
 
-def _of_evaluations(factory: Factory) -> Factory:
-    """The factory of episodes that are as long as the task's, whatever was trained."""
-    whole = factory.lasting()
-    environment = whole.make(0)
-    if step_limit_of(environment) is not None:
-        return whole
-    return factory.lasting(seconds_without_a_limit(environment))
-
-
 class _Training:
-    """A run in memory: the learner, its rows, the rows of evaluations, and the curve."""
+    """A run in memory: the learner, its rows, the batch of evaluations, and the curve."""
 
     def __init__(
-        self,
-        folder: Folder,
-        factory: Factory,
-        settings: Settings,
-        seed: int,
-        began: float,
+        self, folder: Folder, factory: Factory, settings: Settings, facts: Facts, began: float
     ) -> None:
         from limberjack import sb3
         from limberjack.training.learner import Learner
 
-        def rows(factory: Factory, count: int, first: int, stagger: bool) -> sb3.VecEnv:
-            batch = batch_of(
-                factory.build(factory.make(0)),
-                count,
-                1,  # thread, for a few percent of the time
-                seed=first,
-                action_repeat=settings.action_repeat,
-                stagger=stagger,
-            )
-            envs = gym.VectorEnv(batch, autoreset_mode="SameStep", flat=True, dtype="float32")
-            return sb3.VecEnv(envs, first, settings.action_bound)
-
-        self._folder, self._settings, self._seed = folder, settings, seed
+        self._folder, self._settings, self._facts = folder, settings, facts
         self._began = began  # processor time of this process when it began
-        first = _ROWS + _ROWS_OF_A_RUN * seed
-        self._envs = rows(factory, settings.num_envs, first, True)
-        self._tested = rows(_of_evaluations(factory), _EPISODES, _EVALUATION, False)
-        self.learner = Learner(self._envs, settings, seed, first, folder.events)
-        self.curve: list[Evaluation] = []
+        seed, repeat = facts["seed"], settings.action_repeat
+        first = _ROWS + MOST_ROWS * seed
+        build = factory.build(factory.make(0))
+        # One thread, for a few percent of the time.
+        rows = batch_of(build, settings.num_envs, 1, seed=first, action_repeat=repeat, stagger=True)
+        self._envs = sb3.VecEnv(rows, action_bound=settings.action_bound)
+        self._learner = Learner(self._envs, settings, seed, folder.events)
+        self._envs.seed(first)  # the algorithm has given the rows its own seed
+        # As long as the task's episodes, whatever is trained.
+        whole = factory.lasting(seconds_without_a_limit(factory.lasting().make(0)))
+        build = whole.build(whole.make(0))
+        self._tested = batch_of(build, len(_EVALUATED), 1, seed=0, action_repeat=1)
+        self._curve: list[Evaluation] = []
         self._save_at = time.monotonic() + _PATIENCE
         self._restore()
 
     def run(self, on_progress: _OnProgress | None) -> None:
-        """Learns until the steps are taken, and evaluates the final policy."""
+        """Learns until the steps are taken; evaluates and writes the final policy."""
 
         def before_step() -> None:
             self._check_losses()
-            if self._control_steps * _EVALUATIONS >= self._settings.steps * len(self.curve):
+            if self._control_steps * _EVALUATIONS >= self._settings.steps * len(self._curve):
                 self._evaluate()
-                self._save()
             elif time.monotonic() > self._save_at:
                 self._save()
             if on_progress is not None:
-                on_progress(self._control_steps, self._settings.steps, self.curve[-1].mean)
+                on_progress(self._control_steps, self._settings.steps, self._curve[-1].mean)
 
-        self.learner.learn(before_step)
+        self._learner.learn(before_step)
         self._check_losses()
-        if self.curve[-1].control_steps < self._control_steps:
+        if self._curve[-1].control_steps < self._control_steps:
             self._evaluate()
-            self._save()
-
-    def card(self, identity: Facts, command: str) -> mlp.Card:
-        """The card of the final policy."""
-        spec = self._envs.vector_env.batches[0].single_action_spec()
-        low, high = bounds_to_try(spec, self._settings.action_bound)
-        return mlp.Card(
-            layout=tuple((part.name, tuple(part.shape)) for part in self._envs.vector_env.layout),
-            low=tuple(np.broadcast_to(low, spec.shape).ravel().tolist()),
-            high=tuple(np.broadcast_to(high, spec.shape).ravel().tolist()),
-            activation="relu",
-            end="tanh",
-            action_repeat=self._settings.action_repeat,
-            domain=identity.get("domain", ""),
-            task=identity.get("task", ""),
-            algorithm=identity["algorithm"],
-            command=command,
-            seeds=(self._seed,),
-            steps=self._control_steps,
-            versions=versions(),
-            fingerprint=identity["fingerprint"],
-        )
+        policy = self._policy()
+        mlp.save(self._folder.policy, policy.layers, policy.card)
 
     def close(self) -> None:
         """Frees the rows and closes the file of events."""
-        self.learner.close()
+        self._learner.close()
         self._envs.close()
         self._tested.close()
 
+    def _policy(self) -> mlp.Mlp:
+        """The policy so far, as it would be written."""
+        actions = self._envs.action_space
+        card = mlp.Card(
+            layout=tuple((part.name, tuple(part.shape)) for part in self._envs.vector_env.layout),
+            low=tuple(actions.low.tolist()),
+            high=tuple(actions.high.tolist()),
+            action_repeat=self._settings.action_repeat,
+            domain=self._facts.get("domain", ""),
+            task=self._facts.get("task", ""),
+            algorithm=self._facts["algorithm"],
+            command=self._facts["command"],
+            seeds=(self._facts["seed"],),
+            steps=self._control_steps,
+            versions=self._facts["versions"],
+            fingerprint=self._facts["fingerprint"],
+        )
+        try:
+            return mlp.Mlp(self._learner.layers(), card)
+        except ValueError as error:
+            raise self._failed(f"there is no policy to be written ({error})") from error
+
     @property
     def _control_steps(self) -> int:
-        return self.learner.actions_taken * self._settings.action_repeat
+        return self._learner.actions_taken * self._settings.action_repeat
 
     @property
     def _processor_seconds(self) -> float:
         return time.process_time() - self._began
 
     def _check_losses(self) -> None:
-        bad = {name: x for name, x in self.learner.losses().items() if not math.isfinite(x)}
-        for name, value in bad.items():
-            raise TrainingError(
-                f"{name} is {value} after {self._control_steps} control steps; the last checkpoint "
-                "is kept, but would get there again: train in another folder with another seed or "
-                "other settings"
-            )
+        for name, value in self._learner.losses().items():
+            if not math.isfinite(value):
+                raise self._failed(f"{name} is {value}")
+
+    def _failed(self, why: str) -> TrainingError:
+        return TrainingError(
+            f"{why} after {self._control_steps} control steps; the last checkpoint is kept, but "
+            "would get there again: train in another folder with another seed or other settings"
+        )
 
     def _evaluate(self) -> None:
-        """Plays the episodes of evaluations, and adds their returns to the curve."""
-        envs = self._tested
-        envs.seed(_EVALUATION)
-        observations = envs.reset()
-        returns, running = np.zeros(_EPISODES), np.ones(_EPISODES, bool)
-        while running.any():
-            observations, rewards, dones, _ = envs.step(self.learner.act(np.asarray(observations)))
-            returns += np.where(running, rewards, 0.0)
-            running &= ~dones
-        self.curve.append(
-            Evaluation(
-                self._control_steps,
-                self.learner.actions_taken,
-                round(self._processor_seconds, 2),
-                tuple(returns.tolist()),
-            )
+        """Plays the episodes of evaluations, adds their returns to the curve, and saves."""
+        actor = Batched("learned", None, self._policy().act_batch)
+        played = play(self._tested, actor, _EVALUATED, action_repeat=self._settings.action_repeat)
+        totals = {episode.seed: episode.total for ended in played for episode in ended}
+        last = Evaluation(
+            self._control_steps,
+            self._learner.actions_taken,
+            round(self._processor_seconds, 2),
+            tuple(totals[seed] for seed in _EVALUATED),
         )
-        self._folder.write_curve(_COLUMNS, _numbers(self.curve))
-        values = {"return": self.curve[-1].mean, "processor_seconds": self._processor_seconds}
-        events = {f"evaluation/{name}": value for name, value in values.items()}
-        self.learner.write_events(self._control_steps, events)
+        self._curve.append(last)
+        self._folder.write_curve(_COLUMNS, _numbers(self._curve))
+        self._learner.write_events(last.control_steps, last.mean, last.processor_seconds)
+        self._save()
 
     def _save(self) -> None:
         """Writes a checkpoint; a longer one, of more transitions, is written less often."""
         began = time.monotonic()
         self._folder.save(
             {
-                "learner": self.learner.state(),
+                "learner": self._learner.state(),
                 "rows": self._envs.vector_env.batches[0].snapshot(),
-                "curve": self.curve,
+                "curve": self._curve,
                 "processor_seconds": self._processor_seconds,
             }
         )
@@ -378,8 +328,8 @@ class _Training:
             return
         self._envs.reset()
         self._envs.vector_env.batches[0].restore(state["rows"])
-        self.learner.restore(state["learner"])
-        self.curve = state["curve"]
+        self._learner.restore(state["learner"])
+        self._curve = state["curve"]
         self._began -= state["processor_seconds"]
 
 

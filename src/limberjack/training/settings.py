@@ -4,22 +4,27 @@
     settings = settings_for("swing")            # of a domain of your own: the defaults
     settings = read_settings(Path("mine.toml")) # a file in the place of the row
 
-A file is TOML with some of the names below, such as `learning_rate = 3e-4`; names that it leaves
-out have the defaults. Each number of the table was chosen by what is written beside it. Figures are
-means of deterministic episodes of this package on one processor core.
+The table is table.toml beside this file. It and files of your own are TOML with some of the names
+below, such as `learning_rate = 3e-4`; names that are left out have the defaults. Each number was
+chosen by what is written beside it. Figures are means of deterministic episodes of this package on
+one processor core.
 """
 
 import dataclasses
-import math
+import sys
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from limberjack.utils.files import read_regular
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["TABLE", "Settings", "read_settings", "settings_for"]
+__all__ = ["MOST_ROWS", "TABLE", "Settings", "read_settings", "settings_for"]
+
+MOST_ROWS = 1000  # of a run, whose seeds are a block
+_LARGEST = sys.float_info.max
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,123 +89,60 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Raises ValueError for a number that cannot be."""
-        for name, (is_valid, expected) in _VALID.items():
-            value = getattr(self, name)
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            is_valid, expected = _VALID.get(field.name) or _BY_TYPE[field.type]
             if not is_valid(value):
-                raise ValueError(f"{name} is {value!r}; expected {expected}")
+                raise ValueError(f"{field.name} is {value!r}; expected {expected}")
+
+    @classmethod
+    def of_toml(cls, row: Mapping[str, Any]) -> "Settings":  # Any: checked as they are taken
+        """The settings with the entries of a table of TOML, and the defaults of all others.
+
+        Raises:
+          ValueError: a name is unknown, or a number cannot be.
+        """
+        names = [field.name for field in dataclasses.fields(cls)]
+        for name in row:
+            if name not in names:
+                raise ValueError(f"there is no setting {name!r}.{did_you_mean(name, names)}")
+        widths = {name: tuple(value) for name, value in row.items() if isinstance(value, list)}
+        return cls(**{**row, **widths})
 
 
-def _is_count(value: object) -> bool:
-    return type(value) is int and value >= 1
+def _is_count(value: object, most: float = _LARGEST) -> bool:
+    return type(value) is int and 1 <= value <= most
 
 
-def _is_number(value: object) -> bool:
-    return type(value) in (int, float) and math.isfinite(float(str(value)))
-
-
-def _is_positive(value: object) -> bool:
-    return _is_number(value) and float(str(value)) > 0
-
-
-def _is_share(value: object) -> bool:
-    return _is_positive(value) and float(str(value)) < 1
+def _is_within(value: object, above: float = -_LARGEST, below: float = _LARGEST) -> bool:
+    """Whether a value is a number between two others."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return above < value < below
 
 
 def _are_widths(value: object) -> bool:
     return isinstance(value, tuple) and bool(value) and all(map(_is_count, value))
 
 
-_COUNT = (_is_count, "a whole number of at least 1")
-_POSITIVE = (_is_positive, "a positive number")
-_WIDTHS = (_are_widths, "widths of layers, such as [128, 128]")
-_VALID: dict[str, tuple[Callable[[object], bool], str]] = {
-    **dict.fromkeys(("steps", "action_repeat", "num_envs", "random_steps", "batch_size"), _COUNT),
-    **dict.fromkeys(("critics", "memory"), _COUNT),
-    "time_limit": (lambda value: value is None or _is_positive(value), "seconds"),
-    **dict.fromkeys(("action_bound", "entropy", "updates", "learning_rate"), _POSITIVE),
-    "noise": (lambda value: value == 0 or _is_share(value), "a number from 0 to 1"),
-    "reward_offset": (_is_number, "a number"),
-    "discount": (_is_share, "a number between 0 and 1"),
-    **dict.fromkeys(("actor", "critic"), _WIDTHS),
+_Check = tuple[Callable[[object], bool], str]  # and the values that it accepts
+_BY_TYPE: Mapping[object, _Check] = {
+    int: (_is_count, "a whole number of at least 1"),
+    float: (lambda value: _is_within(value, above=0), "a positive number"),
+    tuple[int, ...]: (_are_widths, "widths of layers, such as [128, 128]"),
+}
+# Of the settings that their types do not describe.
+_VALID: Mapping[str, _Check] = {
+    "num_envs": (lambda value: _is_count(value, MOST_ROWS), f"a whole number up to {MOST_ROWS}"),
+    "time_limit": (lambda value: value is None or _is_within(value, above=0), "seconds"),
+    "noise": (lambda value: value == 0 or _is_within(value, 0, 1), "a number from 0 to 1"),
+    "reward_offset": (_is_within, "a number"),
+    "discount": (lambda value: _is_within(value, 0, 1), "a number between 0 and 1"),
 }
 
-
-# Rows of domains. The reason of each number that is not the default stands above it. A number that
-# was not tried is said to be taken over; the table of docs/training.md has what was measured.
+_ROWS = tomllib.loads(Path(__file__).with_name("table.toml").read_text(encoding="utf-8"))
 TABLE: Mapping[str, Settings] = MappingProxyType(
-    {
-        # Taken over from cheetah; a chaotic swing-up needs the steps more than their order.
-        "acrobot": Settings(steps=1_000_000, updates=1.0, batch_size=256, critic=(256, 256)),
-        # One reward, for a catch, within the first 200,000 steps; then it is soon repeated.
-        "ball_in_cup": Settings(steps=200_000),
-        # A control step is 10 ms, so that 4 make the same 40 ms as 2 elsewhere. Of swingup, batches
-        # of 128 end at 810 and those of 256 at 800 to 860; fewer updates than actions end below
-        # 700. An episode has 250 actions: a discount of 0.98 sees a fifth of it, as 0.99 does of
-        # 500, and had 828 after 88,000 steps where 0.99 had 733. swingup_sparse finds no rewards
-        # with them; with noise of 0.5 and an entropy of 0.01 it had 140 after 160,000 steps.
-        "cartpole": Settings(
-            steps=160_000, action_repeat=4, updates=1.0, batch_size=256, discount=0.98
-        ),
-        # Half an update for each action stayed at 450 after 400,000 steps; published runs have a
-        # million steps, one update or two, and wider value functions.
-        "cheetah": Settings(steps=1_000_000, updates=1.0, batch_size=256, critic=(256, 256)),
-        # Taken over from humanoid.
-        "dog": Settings(
-            steps=1_000_000, updates=1.0, batch_size=256, actor=(256, 256), critic=(512, 512)
-        ),
-        # Half an update rose slowly, to 561 of spin after 300,000 steps.
-        "finger": Settings(updates=1.0, batch_size=256),
-        # Updates taken over from finger. In one run upright had 899 after 75,000 steps and 919
-        # after 100,000, in another 844 at the end; the best published mean is 803.
-        "fish": Settings(steps=150_000, updates=1.0, batch_size=256),
-        # Half an update learned nothing in 400,000 steps of stand.
-        "hopper": Settings(steps=1_000_000, updates=1.0, batch_size=256, critic=(256, 256)),
-        # 67 observations and 21 actions: published runs have layers of 512 or more.
-        "humanoid": Settings(
-            steps=1_000_000, updates=1.0, batch_size=256, actor=(256, 256), critic=(512, 512)
-        ),
-        # Taken over from humanoid.
-        "humanoid_CMU": Settings(
-            steps=1_000_000, updates=1.0, batch_size=256, actor=(256, 256), critic=(512, 512)
-        ),
-        # On ten starts of lqr_2_1 the optimal policy's cost is multiplied by 1.51, 1.11 and 1.002
-        # with bounds of 1, 2 and 4, by 1.54 and 1.04 with a discount of 0.99 and 0.998 for a
-        # control step (this one is for 4), and by 1.004 if actions are repeated 4 times. Of two
-        # value functions the lower one is too careful: 1.10, and 1.05 with one. A control step pays
-        # 1 less its cost, so the offset leaves the cost.
-        "lqr": Settings(
-            steps=80_000,
-            action_repeat=4,
-            action_bound=4.0,
-            time_limit=30.0,
-            reward_offset=1.0,
-            updates=1.0,
-            batch_size=256,
-            discount=0.998,
-            critics=1,
-        ),
-        # Taken over from hopper.
-        "manipulator": Settings(steps=1_000_000, updates=1.0, batch_size=256, critic=(256, 256)),
-        # Rewards are at the top alone, where one start in 20 is: episodes of 3 s have more starts
-        # than those of 20 s. It learns to hold the pole there, and not yet to swing it up.
-        "pendulum": Settings(
-            steps=200_000, time_limit=3.0, noise=0.5, entropy=0.01, updates=1.0, batch_size=256
-        ),
-        # As pendulum: few states.
-        "point_mass": Settings(steps=200_000, batch_size=256),
-        # Taken over from cheetah, with a policy wide enough for 78 observations.
-        "quadruped": Settings(
-            steps=1_000_000, updates=1.0, batch_size=256, actor=(256, 256), critic=(256, 256)
-        ),
-        # hard has 863 after 60,000 steps and 971 after 240,000.
-        "reacher": Settings(steps=240_000),
-        # Taken over from hopper.
-        "stacker": Settings(steps=1_000_000, updates=1.0, batch_size=256, critic=(256, 256)),
-        # Taken over from finger.
-        "swimmer": Settings(updates=1.0, batch_size=256),
-        # walk has 938 after 300,000 steps and 949 after 400,000.
-        "walker": Settings(steps=400_000),
-    }
+    {domain: Settings.of_toml(row) for domain, row in _ROWS.items()}
 )
 
 
@@ -217,12 +159,6 @@ def read_settings(path: Path) -> Settings:
       OSError: it cannot be read.
     """
     try:
-        given = tomllib.loads(read_regular(path).decode("utf-8"))
-        names = [field.name for field in dataclasses.fields(Settings)]
-        for name in given:
-            if name not in names:
-                raise ValueError(f"there is no setting {name!r}.{did_you_mean(name, names)}")
-        widths = {name: tuple(v) for name, v in given.items() if isinstance(v, list)}
-        return Settings(**{**given, **widths})
+        return Settings.of_toml(tomllib.loads(read_regular(path).decode("utf-8")))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None

@@ -10,14 +10,9 @@ import numpy as np
 import pytest
 
 from limberjack.episodes import Episode
+from limberjack.policies import Learning, LearningCurve
 from limberjack.see import report
-from limberjack.see.report import (
-    Learning,
-    LearningCurve,
-    curve,
-    write_distribution_plot,
-    write_learning_plot,
-)
+from limberjack.see.report import curve, write_distribution_plot, write_learning_plot
 
 _POLICIES = {"mine": [1.0, 5.0, 3.0], "zero": [0.0, 0.0, 2.0]}
 

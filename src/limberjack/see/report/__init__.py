@@ -6,8 +6,6 @@ No display is needed; matplotlib and ffmpeg are imported when they are used.
 """
 
 from limberjack.see.report.curve import (
-    Learning,
-    LearningCurve,
     write_distribution_plot,
     write_learning_plot,
     write_return_plot,
@@ -22,8 +20,6 @@ from limberjack.see.report.trace import Step, Trace
 __all__ = [
     "Label",
     "Labels",
-    "Learning",
-    "LearningCurve",
     "Played",
     "Recorder",
     "Step",

@@ -7,10 +7,11 @@ does not touch pyplot's global state.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limberjack.policies.learning import Learning
 from limberjack.see.report.result import Played
 from limberjack.utils.files import replacing
 from limberjack.utils.requirements import missing_extra
@@ -19,13 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "Learning",
-    "LearningCurve",
-    "write_distribution_plot",
-    "write_learning_plot",
-    "write_return_plot",
-]
+__all__ = ["write_distribution_plot", "write_learning_plot", "write_return_plot"]
 
 _LEGEND_ENTRIES = 8  # more do not fit beside the plot
 _SIZE = (8.0, 5.0)  # inches
@@ -35,24 +30,6 @@ _MEASURES = _STEPS, _ = "thousand control steps", "minutes of one processor core
 _COLUMNS = 5  # of tasks in a plot of learning
 _PANEL = (1.9, 1.5)  # inches, of one of many tasks
 _COLOUR, _OWN_COLOUR, _PUBLISHED_COLOUR = "C0", "C3", "0.35"  # in matplotlib's notation
-
-
-class LearningCurve(NamedTuple):
-    """Mean returns of a run's evaluations, over two measures of its length; each is (n,)."""
-
-    name: str
-    steps: np.ndarray  # control steps of all rows together
-    seconds: np.ndarray  # of one processor core
-    returns: np.ndarray
-
-
-class Learning(NamedTuple):
-    """Curves of one task that are drawn together."""
-
-    title: str
-    runs: Sequence[LearningCurve]  # of equal rank, in one colour
-    own: LearningCurve | None = None  # the one that matters, above the others
-    published: tuple[float, str] | None = None  # a return to compare with, and its name
 
 
 def write_return_plot(
@@ -127,8 +104,9 @@ def write_distribution_plot(
 def write_learning_plot(path: Path, tasks: Sequence[Learning], description: str = "") -> None:
     """Draw returns over control steps, and below that over minutes of one processor core.
 
-    Each task has a panel in both halves. Returns far below those of a run's second half are cut
-    off: an untrained policy of lqr loses thousands.
+    Each task has a panel in both halves. Its runs have one colour, and its own is above them.
+    Returns far below those of a run's second half are cut off: an untrained policy of lqr loses
+    thousands.
 
     Args:
       path: ends in .png or .svg.

@@ -3,7 +3,8 @@
 import pytest
 
 from limberjack import policies
-from limberjack.training import TABLE, known_tasks, learning_of
+from limberjack.policies import known_tasks, learning_of
+from limberjack.training import TABLE
 
 
 def test_each_bundled_policy_has_curves() -> None:

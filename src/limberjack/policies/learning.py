@@ -1,25 +1,43 @@
-"""`learning_of`: learning curves of the bundled policies' runs, to compare a run with.
+"""`learning_of`: the learning curves of the bundled policies' runs, to compare a run with.
 
     known = learning_of("walker", "walk")
     for run in known.runs:
         print(run.name, run.steps[-1], run.seconds[-1], run.returns[-1])
 
-The numbers are in curves.json beside this file, which benchmarks/learned.py writes: of each run the
-mean returns of the same ten episodes as in curve.csv, and of each task the best published mean.
+The numbers are in pretrained/curves.json, which benchmarks/learned.py writes: of each run the mean
+returns of the same ten episodes as in its curve.csv, and of each task the best published mean.
+`limberjack.see.report` draws them.
 """
 
 import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from limberjack.see.report import Learning, LearningCurve
+__all__ = ["FILE", "Learning", "LearningCurve", "known_tasks", "learning_of", "parse"]
 
-__all__ = ["FILE", "known_tasks", "learning_of", "parse"]
+FILE = Path(__file__).parent / "pretrained" / "curves.json"
 
-FILE = Path(__file__).with_name("curves.json")
+
+class LearningCurve(NamedTuple):
+    """Mean returns of a run's evaluations, over two measures of its length; each is (n,)."""
+
+    name: str
+    steps: np.ndarray  # control steps of all rows together
+    seconds: np.ndarray  # of one processor core
+    returns: np.ndarray
+
+
+class Learning(NamedTuple):
+    """Curves of one task that are compared with each other."""
+
+    title: str
+    runs: Sequence[LearningCurve]  # of equal rank
+    own: LearningCurve | None = None  # the one that matters
+    published: tuple[float, str] | None = None  # a return to compare with, and its name
 
 
 def known_tasks() -> list[tuple[str, str]]:
