@@ -130,7 +130,7 @@ class OnnxPolicy:
         return taken[0].name
 
     def _run(self, rows: np.ndarray) -> np.ndarray:
-        """What the model returns for flat observations, (N, observations)."""
+        """The numbers that the model returns for flat observations, (N, observations)."""
         try:
             (found,) = self._session.run(None, {self._input: rows})
         except Exception as error:  # of classes that the runtime does not publish
