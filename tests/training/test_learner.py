@@ -126,6 +126,16 @@ def test_layers_act_as_the_learner_does(pendulum: Any, tmp_path: Path) -> None:
     np.testing.assert_allclose(policy.actions(observations), expected, rtol=0, atol=1e-5)
 
 
+def test_a_policy_without_hidden_layers_is_linear_within_its_bounds(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, actor=())
+    envs = gym.load_vector("pendulum", "swingup", 3, time_limit=0.4, action_repeat=2, **_HOW)
+    try:
+        (layer,) = _learned(envs, tmp_path, settings).layers()
+    finally:
+        envs.close()
+    assert [part.shape for part in layer] == [(1, 3), (1,)]
+
+
 def test_what_acts_is_an_average_of_policies(pendulum: Any) -> None:
     present = pendulum._model.policy.actor_state
     observations = np.random.RandomState(0).normal(0, 1, (100, 3)).astype(np.float32)

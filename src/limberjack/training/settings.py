@@ -49,7 +49,7 @@ class Settings:
       batch_size: transitions of a gradient step.
       learning_rate: of all networks and of the entropy coefficient.
       discount: per action.
-      actor: widths of the hidden layers of the policy.
+      actor: widths of the hidden layers of the policy; it is linear without any.
       critic: widths of the hidden layers of each value function.
       critics: value functions, of which the lowest counts.
       memory: transitions that are kept for learning; older ones are overwritten.
@@ -122,7 +122,7 @@ def _is_within(value: object, above: float = -_LARGEST, below: float = _LARGEST)
 
 
 def _are_widths(value: object) -> bool:
-    return isinstance(value, tuple) and bool(value) and all(map(_is_count, value))
+    return isinstance(value, tuple) and all(map(_is_count, value))
 
 
 _Check = tuple[Callable[[object], bool], str]  # and the values that it accepts
