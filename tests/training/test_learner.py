@@ -74,6 +74,27 @@ def test_rewards_are_learned_without_their_offset(tmp_path: Path) -> None:
     np.testing.assert_array_equal(kept[1], kept[0] - np.float32(0.5))
 
 
+def test_rewards_of_several_actions_are_added_up_until_an_episode_ends(tmp_path: Path) -> None:
+    envs = gym.load_vector("cartpole", "balance", 3, time_limit=0.1, action_repeat=2, **_HOW)
+    settings = dataclasses.replace(SMALL, steps=60, n_steps=3, discount=0.9)  # all at random
+    one = _learned(envs, tmp_path, settings)
+    envs.close()
+    kept, drawn = one.state()["transitions"], one._model.replay_buffer.sample(50)
+    seen = set()
+    for row, observation in enumerate(drawn.observations.numpy()):
+        same = (kept["observations"] == observation).all(axis=-1)
+        ((step, env),) = np.argwhere(same)
+        rewards, ended = (kept[name][step : step + 3, env] for name in ("rewards", "dones"))
+        count = int(np.argmax(ended)) + 1 if ended.any() else len(rewards)
+        expected = sum(0.9**k * reward for k, reward in enumerate(rewards[:count]))
+        assert drawn.rewards[row].item() == pytest.approx(expected, rel=1e-6)
+        assert drawn.discounts[row].item() == pytest.approx(0.9**count, rel=1e-6)
+        following = kept["next_observations"][step + count - 1, env]
+        np.testing.assert_array_equal(drawn.next_observations[row].numpy(), following)
+        seen.add(count)
+    assert seen == {1, 2, 3}
+
+
 def test_noise_changes_slowly_has_its_size_and_begins_anew_with_an_episode() -> None:
     np.random.seed(0)
     noise = learner._Noise((500, 2))

@@ -218,7 +218,11 @@ def _arguments(settings: Settings) -> dict[str, _Tree]:
             "n_critics": settings.critics,
         },
         "replay_buffer_class": _Transitions,
-        "replay_buffer_kwargs": {"offset": settings.reward_offset * settings.action_repeat},
+        "replay_buffer_kwargs": {
+            "n_steps": settings.n_steps,
+            "gamma": settings.discount,
+            "offset": settings.reward_offset * settings.action_repeat,
+        },
     }
 
 
@@ -233,7 +237,7 @@ def _mixed(one: _Tree, other: _Tree, share: np.floating) -> _Tree:
     return jax.tree_util.tree_map(lambda x, y: x + share * (y - x), one, other)
 
 
-class _Transitions(buffers.ReplayBuffer):  # pyright: ignore[reportUntypedBaseClass]
+class _Transitions(buffers.NStepReplayBuffer):  # pyright: ignore[reportUntypedBaseClass]
     """Transitions whose rewards are those of the task less an offset."""
 
     def __init__(self, *args: object, offset: float, **kwargs: object) -> None:

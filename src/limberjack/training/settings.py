@@ -52,6 +52,7 @@ class Settings:
       actor: widths of the hidden layers of the policy; it is linear without any.
       critic: widths of the hidden layers of each value function.
       critics: value functions, of which the lowest counts.
+      n_steps: actions whose rewards are added up before the value of the state after them counts.
       memory: transitions that are kept for learning; older ones are overwritten.
     """
 
@@ -84,6 +85,8 @@ class Settings:
     critic: tuple[int, ...] = (128, 128)
     # The lower one of two does not overestimate, as the algorithm's authors chose.
     critics: int = 2
+    # Rewards of later actions depend on the policy that took them, which is not the present one.
+    n_steps: int = 1
     # A million transitions are all of a run of the suite: nothing is forgotten.
     memory: int = 1_000_000
 
