@@ -69,7 +69,7 @@ def test_the_page_of_training_begins_with_the_recipe_as_it_was_run() -> None:
 
 
 def test_changed_settings_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    (result,) = (one for one in _RESULTS if one["task"] == "swingup")
+    (result,) = (one for one in _RESULTS if f"{one['domain']}-{one['task']}" == learned.RECIPE)
     used = {**dataclasses.asdict(Settings()), **result["settings"]}
     table = Settings(**{**used, "actor": tuple(used["actor"]), "critic": tuple(used["critic"])})
     now = {"same": table, "other": dataclasses.replace(table, discount=0.5)}
