@@ -188,8 +188,8 @@ def _planned(facts: Sequence[Facts]) -> str:
             continue
         path = f"images/solved/{each.domain}-{each.task}.png"
         words = (
-            f"The {each.domain} in four pictures, from the start of an episode of {each.task} that "
-            f"the planner plays to its last step. The task: {each.wants}"
+            f"The {each.domain} in four pictures of the first {episode.seconds[-1]:g} s of an "
+            f"episode of {each.task} that the planner plays. The task: {each.wants}"
         )
         times = ", ".join(f"{second:g}" for second in episode.seconds)
         parts.append(

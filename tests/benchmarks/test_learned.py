@@ -48,10 +48,10 @@ def test_the_policy_of_the_median_run_is_bundled_with_its_scores(
 def test_a_bundled_policy_plays_as_its_result_says(result: dict) -> None:
     (run,) = (one for one in result["runs"] if one["seed"] == result["bundled"])
     where = result["domain"], result["task"]
-    played = evaluate(*where, "pretrained", learned.SEEDS[:4], num_threads=1)
-    found, kept = [one.total for one in played.scores["pretrained"]], run["returns"][:4]
-    # Another processor rounds differently, so that an episode in four may end otherwise.
-    assert np.isclose(found, kept, rtol=0.02).sum() >= 3, (found, kept)
+    played = evaluate(*where, "pretrained", learned.SEEDS[:8], num_threads=1)
+    found, kept = [one.total for one in played.scores["pretrained"]], run["returns"][:8]
+    # Another processor rounds differently, so that an episode in eight may end otherwise.
+    assert np.isclose(found, kept, rtol=0.02).sum() >= 7, (found, kept)
 
 
 def test_the_page_has_the_table() -> None:

@@ -73,7 +73,7 @@ def test_a_model_acts_as_its_network_does(
     expected = network.actions(observations)
     found = model.actions(observations)
     assert found.dtype == np.float32
-    # Sums of float32 in another order.
+    # Sums of float32 in another order; docs/policies.md promises 1e-5.
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
     assert model.actions(observations[0]).shape == (3,)
     by_name = {"b": observations[:, 4:], "c": observations, "a": observations[:, :4]}
@@ -136,6 +136,7 @@ def test_a_model_of_flat_observations_is_played_with_those_of_the_task(tmp_path:
     time_step = environment.reset()
     flat = np.concatenate([np.ravel(part) for part in time_step.observation.values()])
     action = actor.begin_alone(environment, 0)(time_step.observation)
+    # As above.
     np.testing.assert_allclose(action, network.actions(flat), rtol=0, atol=1e-5)
 
 

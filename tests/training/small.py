@@ -20,6 +20,7 @@ SMALL = Settings(
     batch_size=16,
     actor=(16, 16),
     critic=(16,),
+    n_steps=2,
     memory=250,  # so that the run overwrites transitions
 )
 

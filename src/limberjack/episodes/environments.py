@@ -31,7 +31,12 @@ _USUAL_STEPS = 1000  # control steps of an episode, of nearly all tasks with a t
 
 
 def checked_environment(
-    factory: Factory, seeds: Sequence[int], *, is_kept: bool, vectorised: bool | None = None
+    factory: Factory,
+    seeds: Sequence[int],
+    *,
+    is_kept: bool,
+    vectorised: bool | None = None,
+    limit: str = "time_limit (--time-limit SECONDS)",
 ) -> dm_env.Environment:
     """An environment of the factory, whose episodes end, depend on their seed, and can be kept.
 
@@ -40,6 +45,7 @@ def checked_environment(
       seeds: of the episodes; the environment is that of the first one.
       is_kept: whether results are kept, which must name the environment.
       vectorised: True if vectorised batches are asked for.
+      limit: how the caller's user sets a time limit, for messages.
 
     Raises:
       ValueError: they never end, draw from a stream that environments share, could belong to
@@ -53,8 +59,7 @@ def checked_environment(
     environment = factory.make(seeds[0])
     if inside(environment).step_limit is None:
         raise ValueError(
-            f"{factory.title} has no time limit, so an episode might never end: give it a "
-            "time_limit (--time-limit SECONDS), or to train it time_limit = SECONDS in its settings"
+            f"{factory.title} has no time limit, so an episode might never end: give it a {limit}"
         )
     if "environment" in factory.facts:  # a user's own
         with contextlib.closing(factory.make(seeds[0])) as trial:

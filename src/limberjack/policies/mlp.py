@@ -76,7 +76,7 @@ Layout = tuple[tuple[str, tuple[int, ...]], ...]
 
 _FORMAT = 1
 CARD_KEY = "limberjack"  # of the card in the header
-# Limits for files from anyone. The largest policy that is bundled has about 2 MB.
+# Limits for files from anyone. The largest policy that is bundled has 83 kB.
 _MOST_BYTES = 2**28
 _MOST_HEADER = 2**21
 _MOST_LAYERS = 64

@@ -185,7 +185,8 @@ def _with_picture(run: Run, folder: Folder, identity: Facts) -> Run:
 
 def _identified(factory: Factory, settings: Settings, seed: int) -> Facts:
     """Facts that identify a run, as values of JSON; raises ValueError if it cannot be trained."""
-    environment = checked_environment(factory, [0], is_kept=True)
+    limit = "time_limit, or a task named by its domain time_limit = SECONDS in its settings"
+    environment = checked_environment(factory, [0], is_kept=True, limit=limit)
     if PIXELS_KEY in cast(Mapping[str, object], environment.observation_spec()):
         raise ValueError(f"{factory.title} observes pictures; expected numbers only")
     return {

@@ -10,8 +10,12 @@ import numpy as np
 
 from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.settings import Settings
+from limberjack.utils import arrays
 
 __all__ = ["Dog", "HumanoidCMU"]
+
+
+_FALLING = 0.3  # seconds; as of the humanoid: where the body would come to rest
 
 
 class Dog(Cost):
@@ -52,7 +56,7 @@ class HumanoidCMU(Cost):
         return {
             "height": np.maximum(1.5 - physics.head_height(), 0.0),
             "tilt": (1.0 - physics.torso_upright()) / 2,
-            "balance": np.linalg.norm(centre + 0.3 * drift - feet, axis=-1),
+            "balance": arrays.norm(centre + _FALLING * drift - feet),
             "motion": np.abs(physics.velocity()).mean(axis=-1),
             "effort": (physics.control() ** 2).mean(axis=-1),
             "reward": 1.0 - self.task.get_reward(physics),

@@ -83,10 +83,10 @@ class Fetch(Cost):
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Metres. A body between ball and target would push the ball away from the target."""
+        reach, bring = physics.self_to_ball_distance(), physics.ball_to_target_distance()
         data = physics.named.data
         to_ball = (data.xpos["ball"] - data.site_xpos["workspace"])[..., :2]
         to_target = (data.site_xpos["target"] - data.xpos["ball"])[..., :2]
-        reach, bring = (np.linalg.norm(vector, axis=-1) for vector in (to_ball, to_target))
         along = (to_ball * to_target).sum(axis=-1) / np.maximum(reach * bring, 1e-6)
         return {
             "reach": reach,
