@@ -76,6 +76,8 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "imageio_ffmpeg": "limberjack.see.video",
     "matplotlib": "limberjack.see.report.curve",
     "minari": "limberjack.episodes.to_minari",
+    "google": "limberjack.policies.onnx_models",  # protobuf, in which models are written
+    "onnx": "limberjack.policies.onnx_models",
     "onnxruntime": "limberjack.policies.onnx",
     "pyarrow": "limberjack.episodes.parquet",
     "ray": "limberjack.workers.ray_tasks",

@@ -5,17 +5,17 @@ import dataclasses
 import itertools
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from limberjack import policies, suite
 from limberjack.evaluation import evaluate
-from limberjack.policies import PolicyError, mlp, onnx, onnx_models
-from limberjack.policies.onnx_models import _Graph, _message
+from limberjack.policies import PolicyError, mlp, onnx
 from limberjack.utils.requirements import install_command
 from tests.policies.network_files import card_of, drawn, write
-from tests.policies.test_onnx_models import CARD, REFUSED, content
+from tests.policies.test_onnx_models import CARD, REFUSED, content, onnx_models
 from tests.rollouts import run_episode
 
 _FORMS = [
@@ -47,17 +47,21 @@ def _network(activation: str, end: str, is_normalised: bool, clip: float | None)
     return mlp.Mlp(drawn(9, 32, 16, 3), card)
 
 
-def test_without_its_package_one_sentence_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
+def test_without_a_package_one_sentence_says_what_to_install(
+    package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    path = tmp_path / "walk.onnx"
+    path.write_bytes(content())
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delitem(sys.modules, "limberjack.policies.onnx_models")
+    monkeypatch.delattr(policies, "onnx_models")
     expected = f"needs the extra 'onnx': {install_command('onnx')}"
-    onnx.save(tmp_path / "walk.onnx", _network("relu", "tanh", False, None))  # needs none
     with pytest.raises(ImportError, match=expected):
-        onnx.load(tmp_path / "walk.onnx")
+        onnx.load(path)
     environment = suite.load("walker", "walk", {"random": 0})
     with pytest.raises(PolicyError, match=rf"policy 'onnx:.*walk.onnx': {expected}"):
-        policies.find(f"onnx:{tmp_path / 'walk.onnx'}", environment)
+        policies.find(f"onnx:{path}", environment)
 
 
 @pytest.mark.usefixtures("runtime")
@@ -142,7 +146,7 @@ def test_a_model_of_flat_observations_is_played_with_those_of_the_task(tmp_path:
 
 @pytest.mark.usefixtures("runtime")
 def test_a_model_of_another_program_becomes_a_policy_with_a_card() -> None:
-    graph = _Graph()
+    graph = onnx_models.Graph()
     x = graph.add("LayerNormalization", onnx_models.INPUT, graph.constant(np.ones(3)))
     graph.add("Gemm", x, graph.constant(np.full((1, 3), 4.0)), transB=1, result=onnx_models.OUTPUT)
     card = dataclasses.replace(CARD, sizes=())
@@ -158,7 +162,7 @@ def test_a_model_of_another_program_becomes_a_policy_with_a_card() -> None:
 
 @pytest.mark.usefixtures("runtime")
 def test_actions_are_clipped_to_the_bounds_of_the_card() -> None:
-    graph = _Graph()
+    graph = onnx_models.Graph()
     weight = graph.constant(np.full((1, 3), 100.0))
     graph.add("Gemm", onnx_models.INPUT, weight, transB=1, result=onnx_models.OUTPUT)
     policy = onnx.parse(onnx.carded(graph.model(3, 1), CARD), "theirs")
@@ -167,30 +171,32 @@ def test_actions_are_clipped_to_the_bounds_of_the_card() -> None:
         policy.actions([1.0, 2.0])
 
 
-def _of_form(graph: _Graph, *size: int) -> bytes:
+def _of_form(graph: Any, *size: int) -> bytes:
     return onnx.carded(graph.model(*size), CARD)
 
 
 def _other_models() -> dict[str, tuple[bytes, str]]:
     """Models that the check accepts, and that are no policies."""
-    wide, late, unknown, lacking = _Graph(), _Graph(), _Graph(), _Graph()
+    wide, late, unknown, lacking = (
+        onnx_models.Graph(),
+        onnx_models.Graph(),
+        onnx_models.Graph(),
+        onnx_models.Graph(),
+    )
     wide.add("Relu", onnx_models.INPUT, result=onnx_models.OUTPUT)
     shape = late.constant(np.array([1.0, -1.0]))
     late.add("Reshape", onnx_models.INPUT, late.cast(shape, 7), result=onnx_models.OUTPUT)
     unknown.add("Nonsense", onnx_models.INPUT, result=onnx_models.OUTPUT)
     lacking.add("Relu", "nothing", result=onnx_models.OUTPUT)
-    fixed = _message((1, 8), (8, _message((1, ""), (2, 17))))
-    shape = _message((1, _message((1, 1))), (1, _message((1, 3))))
-    info = _message((1, "x"), (2, _message((1, _message((1, 1), (2, shape))))))
-    node = _message((1, "x"), (2, "y"), (4, "Relu"))
-    graph = _message((1, node), (2, "g"), (11, info), (12, _message((1, "y"))))
+    one_row = onnx_models.onnx.ModelProto.FromString(wide.model(3, 1))
+    one_row.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
     return {
         "outputs of another size": (_of_form(wide, 3, 3), "its outputs are"),
         "inputs of another size": (_of_form(wide, 4, 1), "its inputs are|refuses it"),
         "a shape that is not kept": (_of_form(late, 3, 1), "returned shape|refuses it|its outputs"),
         "an operator that does not exist": (_of_form(unknown, 3, 1), "the runtime refuses it"),
         "a value that does not exist": (_of_form(lacking, 3, 1), "the runtime refuses it"),
-        "one row": (onnx.carded(fixed + _message((7, graph)), CARD), "first axis|refuses it"),
+        "one row": (onnx.carded(one_row.SerializeToString(), CARD), "first axis|refuses it"),
     }
 
 

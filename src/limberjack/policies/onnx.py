@@ -24,6 +24,7 @@ No other file imports onnxruntime. It computes in one thread, so that equal rows
 
 import copy
 import dataclasses
+import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from limberjack.policies import mlp, onnx_models
+from limberjack.policies import mlp
 from limberjack.policies.kinds import ROWS, PolicyError
 from limberjack.utils.files import replacing
 from limberjack.utils.requirements import missing_extra
@@ -62,7 +63,8 @@ def _runtime() -> Any:  # Any: the package has no types
 
 
 def check_installed() -> None:
-    """Raises ImportError, which names the packages to install, where the runtime is missing."""
+    """Raises ImportError, which names the packages to install, where one is missing."""
+    importlib.import_module("limberjack.policies.onnx_models")
     _runtime()
 
 
@@ -80,6 +82,8 @@ class OnnxPolicy:
           ValueError: it is no policy.
           ImportError: the runtime is missing.
         """
+        from limberjack.policies import onnx_models
+
         self.card = mlp.Card.of_text(onnx_models.checked(content))
         self._least, self._most = mlp.float32_bounds(self.card)
         self._session = _session(content)
@@ -152,6 +156,8 @@ def carded(content: bytes, card: mlp.Card) -> bytes:
       ValueError: the model has a card, or does more than a policy needs; or the card's entries do
         not fit each other.
     """
+    from limberjack.policies import onnx_models
+
     sizes = card.sizes or (card.num_observations, len(card.low))
     made = onnx_models.with_card(content, dataclasses.replace(card, sizes=sizes))
     mlp.Card.of_text(onnx_models.checked(made))
@@ -160,11 +166,13 @@ def carded(content: bytes, card: mlp.Card) -> bytes:
 
 def content_of(policy: mlp.Mlp) -> bytes:
     """The content of the file that `save` writes."""
+    from limberjack.policies import onnx_models
+
     return onnx_models.with_card(onnx_models.model_of(policy), policy.card)
 
 
 def save(path: Path | str, policy: mlp.Mlp) -> None:
-    """Writes a network as a model, in the place of a file of that name; needs no runtime.
+    """Writes a network as a model, in the place of a file of that name.
 
     Equal networks give equal bytes.
 

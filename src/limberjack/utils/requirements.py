@@ -51,7 +51,7 @@ PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "notebook": (*_FILMS, "ipykernel"),
         "data": ("pyarrow",),
         "minari": ("minari", "pillow", "pyarrow"),
-        "onnx": ("onnxruntime",),
+        "onnx": ("onnx", "onnxruntime"),
         "sb3": ("sb3-contrib", "stable-baselines3"),
         "train": ("sbx-rl", "stable-baselines3", "tensorboard", "torch"),
         "torchrl": ("torchrl",),
