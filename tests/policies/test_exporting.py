@@ -124,7 +124,7 @@ def test_a_model_of_onnx_is_not_written_without_the_extra(
 ) -> None:
     _trained(tmp_path / "model.zip", baselines, "PPO")
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(PolicyError, match="needs the extra 'onnx': pip install onnxruntime"):
+    with pytest.raises(PolicyError, match="needs the extra 'onnx': pip install onnx onnxruntime"):
         export(f"sb3:{tmp_path / 'model.zip'}", tmp_path / "p.onnx")
     assert not (tmp_path / "p.onnx").exists()
 

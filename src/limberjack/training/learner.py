@@ -218,11 +218,7 @@ def _arguments(settings: Settings) -> dict[str, _Tree]:
             "n_critics": settings.critics,
         },
         "replay_buffer_class": _Transitions,
-        "replay_buffer_kwargs": {
-            "n_steps": settings.n_steps,
-            "gamma": settings.discount,
-            "offset": settings.reward_offset * settings.action_repeat,
-        },
+        "replay_buffer_kwargs": {"settings": settings},
     }
 
 
@@ -238,11 +234,11 @@ def _mixed(one: _Tree, other: _Tree, share: np.floating) -> _Tree:
 
 
 class _Transitions(buffers.NStepReplayBuffer):  # pyright: ignore[reportUntypedBaseClass]
-    """Transitions whose rewards are those of the task less an offset."""
+    """Transitions with rewards less an offset, and samples with sums of several of them."""
 
-    def __init__(self, *args: object, offset: float, **kwargs: object) -> None:
-        super().__init__(*args, **kwargs)
-        self._offset = np.float32(offset)
+    def __init__(self, *args: object, settings: Settings, **kwargs: object) -> None:
+        super().__init__(*args, n_steps=settings.n_steps, gamma=settings.discount, **kwargs)
+        self._offset = np.float32(settings.reward_offset * settings.action_repeat)
 
     def add(self, obs: _Tree, next_obs: _Tree, action: _Tree, reward: _Tree, *more: _Tree) -> None:
         super().add(obs, next_obs, action, reward - self._offset, *more)
