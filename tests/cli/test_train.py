@@ -128,7 +128,8 @@ def test_a_killed_command_continues_and_a_finished_one_reports_itself(
 def test_an_interrupt_says_how_to_continue(tmp_path: Path, config: Path) -> None:
     out = tmp_path / "run"
     process = subprocess.Popen(
-        [sys.executable, "-m", "limberjack", *_arguments(out, config)],
+        # So many steps that it cannot end before the signal.
+        [sys.executable, "-m", "limberjack", *_arguments(out, config), "--steps", "1000000"],
         stderr=subprocess.PIPE,
         text=True,
     )
