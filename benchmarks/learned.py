@@ -246,7 +246,8 @@ def is_outdated(result: _Result) -> bool:
 
     Settings that did not exist when the runs were made count with their defaults.
     """
-    defaults, now = dataclasses.asdict(Settings()), settings_for(result["domain"])
+    defaults = dataclasses.asdict(Settings())
+    now = settings_for(result["domain"], result["task"])
     used = {**defaults, **result["settings"]}
     return json.dumps(used, sort_keys=True) != json.dumps(dataclasses.asdict(now), sort_keys=True)
 

@@ -78,7 +78,7 @@ def test_changed_settings_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
         "The settings have changed since these runs.",
     )
     for name, settings in now.items():
-        monkeypatch.setattr(learned, "settings_for", lambda domain, found=settings: found)
+        monkeypatch.setattr(learned, "settings_for", lambda *task, found=settings: found)
         assert learned.is_outdated(result) is (name == "other")
         for sentence, text in zip(
             sentences, (learned.section([result]), learned.recipe([result])), strict=True

@@ -192,7 +192,7 @@ def test_the_recipe_that_begins_the_training_page_takes_five_minutes() -> None:
 )
 def test_every_learning_curve_is_of_the_command_that_the_training_page_names(path: Path) -> None:
     result = json.loads(path.read_text(encoding="utf-8"))
-    settings = settings_for(result["domain"])
+    settings = settings_for(result["domain"], result["task"])
     for run in result["runs"]:
         named = f"limberjack train {result['domain']} {result['task']} --seed {run['seed']}"
         assert run["command"] == named

@@ -172,9 +172,9 @@ def test_what_acts_is_an_average_of_policies(pendulum: Any) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-7)  # float32
 
 
-@pytest.mark.parametrize("domain", TABLE)
-def test_each_number_of_a_row_reaches_the_algorithm(domain: str) -> None:
-    row = TABLE[domain]
+@pytest.mark.parametrize("name", TABLE)
+def test_each_number_of_a_row_reaches_the_algorithm(name: str) -> None:
+    row = TABLE[name]
     given = learner._arguments(row)
     assert given["learning_rate"] == row.learning_rate
     assert given["batch_size"] == row.batch_size

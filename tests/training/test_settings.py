@@ -1,18 +1,30 @@
-"""The table has a row for each domain, and files replace a row."""
+"""The table has a row for each domain, some tasks have their own, and files replace a row."""
 
 import dataclasses
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from limberjack import suite
-from limberjack.training import TABLE, Settings, read_settings, settings_for
+from limberjack.training import TABLE, Settings, read_settings, settings, settings_for
 
 
-def test_each_domain_of_the_suite_has_a_row_and_nothing_else_does() -> None:
-    assert TABLE.keys() == suite.TASKS_BY_DOMAIN.keys()
-    for domain, row in TABLE.items():
-        assert settings_for(domain) is row
+def test_each_domain_of_the_suite_has_a_row_and_only_tasks_of_it_have_more() -> None:
+    tasks = {f"{domain}:{task}" for domain, task in suite.ALL_TASKS}
+    assert suite.TASKS_BY_DOMAIN.keys() <= TABLE.keys() <= suite.TASKS_BY_DOMAIN.keys() | tasks
+    for name, row in TABLE.items():
+        assert settings_for(*name.split(":")) is row
+
+
+def test_a_task_has_the_row_of_its_domain_but_for_what_its_own_row_names() -> None:
+    table = tomllib.loads(Path(settings.__file__).with_name("table.toml").read_text("utf-8"))
+    of_tasks = [name.split(":") for name in table if ":" in name]
+    assert of_tasks
+    for domain, task in of_tasks:
+        own = Settings.of_toml({**table[domain], **table[f"{domain}:{task}"]})
+        assert settings_for(domain, task) == own != settings_for(domain)
+    assert settings_for("walker", "stand") is settings_for("walker", "walk") is TABLE["walker"]
 
 
 def test_tasks_without_a_row_have_the_defaults() -> None:

@@ -127,7 +127,7 @@ def train(
       out: the folder of the run, which is made if there is none.
       steps: control steps of the run; None for those of the settings.
       seed: below 1,000,000, of the networks, the exploration and the rows.
-      settings: None for the table's row of the domain; see `limberjack.training.settings`.
+      settings: None for the table's row of the task or domain; see `limberjack.training.settings`.
       on_progress: called before each step with the control steps so far, those of the run, and the
         mean of the last evaluation.
       command: that trains, for the policy's card.
@@ -141,7 +141,7 @@ def train(
     """
     if checked_seed(seed) >= _RUNS:
         raise ValueError(f"seed is {seed}; expected a whole number below {_RUNS}")
-    settings = settings or settings_for(domain if isinstance(domain, str) else "")
+    settings = settings or settings_for(domain if isinstance(domain, str) else "", task)
     if steps is not None:
         settings = dataclasses.replace(settings, steps=steps)
     if callable(domain) and settings.time_limit is not None:

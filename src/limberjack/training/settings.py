@@ -1,10 +1,11 @@
 """`Settings`: the numbers with which a task is trained, from a table with a row per domain.
 
-    settings = settings_for("walker")           # the row of the table
+    settings = settings_for("walker", "walk")   # the row of the domain, or of the task if it has one
     settings = settings_for("swing")            # of a domain of your own: the defaults
     settings = read_settings(Path("mine.toml")) # a file in the place of the row
 
-The table is table.toml beside this file. It and files of your own are TOML with some of the names
+The table is table.toml beside this file. A task that needs other settings than the rest of its
+domain has a row of its own, "domain:task", with what differs from the domain's. It and files of your own are TOML with some of the names
 below, such as `learning_rate = 3e-4`; names that are left out have the defaults. Each number was
 chosen by what is written beside it. Figures are means of deterministic episodes of this package on
 one processor core.
@@ -145,13 +146,13 @@ _VALID: Mapping[str, _Check] = {
 
 _ROWS = tomllib.loads(Path(__file__).with_name("table.toml").read_text(encoding="utf-8"))
 TABLE: Mapping[str, Settings] = MappingProxyType(
-    {domain: Settings.of_toml(row) for domain, row in _ROWS.items()}
+    {name: Settings.of_toml(_ROWS[name.partition(":")[0]] | row) for name, row in _ROWS.items()}
 )
 
 
-def settings_for(domain: str) -> Settings:
-    """The table's row of a domain, or the defaults where it has none."""
-    return TABLE.get(domain, Settings())
+def settings_for(domain: str, task: str | None = None) -> Settings:
+    """The table's row of a task or of its domain, or the defaults where it has neither."""
+    return TABLE.get(f"{domain}:{task}") or TABLE.get(domain, Settings())
 
 
 def read_settings(path: Path) -> Settings:
