@@ -12,7 +12,7 @@ import peers
 from report import Row, at_least, at_most, spread
 
 from limberjack import bench
-from limberjack.gym.vector import load_vector
+from limberjack.gym.loading import load_vector
 
 __all__ = [
     "free_cores",

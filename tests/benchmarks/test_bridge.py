@@ -16,8 +16,9 @@ import pytest
 
 from benchmarks import bridge_player as player
 from limberjack import policies, suite
-from limberjack.evaluation import evaluate, sets
+from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
+from limberjack.suite import sets
 
 _REPOSITORY = Path(__file__).parents[2]
 _BENCHMARKS = _REPOSITORY / "benchmarks"

@@ -9,8 +9,8 @@ import pytest
 from limberjack import policies, suite
 from limberjack.evaluation import evaluate, protocol, statistics
 from limberjack.evaluation.protocol import TaskScores, episodes_of, evaluate_set
-from limberjack.evaluation.sets import TaskSet
 from limberjack.policies import PolicyError, mlp
+from limberjack.suite.sets import TaskSet
 
 _FAST = TaskSet("fast", (("cartpole", "balance"), ("pendulum", "swingup")), "this test")
 

@@ -18,6 +18,7 @@ No other file imports stable_baselines3.
 
 import contextlib
 import io
+import itertools
 import operator
 import pickle
 import zipfile
@@ -34,6 +35,7 @@ from limberjack.gym import arguments, attributes
 from limberjack.gym.observations import Info, Observations, action_space
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_contract import Batch
+from limberjack.suite.many import Tasks
 from limberjack.utils.requirements import missing_extra
 from limberjack.utils.seeds import checked_seed
 
@@ -281,23 +283,31 @@ def _add_terms(infos: list[_ByName], info: Info) -> None:
     terms = info["reward_terms"]
     names = [name for name in terms if f"_{name}" in terms]
     values = np.stack([terms[name][rows] for name in names], axis=-1).tolist()
-    for row, of_row in zip(rows, values, strict=True):
-        infos[row]["reward_terms"] = dict(zip(names, of_row, strict=True))
+    has = np.stack([terms[f"_{name}"][rows] for name in names], axis=-1).tolist()
+    for row, of_row, has_of_row in zip(rows, values, has, strict=True):
+        infos[row]["reward_terms"] = dict(
+            itertools.compress(zip(names, of_row, strict=True), has_of_row)
+        )
     if "success" in info:
-        for row, reached in zip(rows, info["success"][rows].tolist(), strict=True):
-            infos[row]["is_success"] = reached
+        for row in np.flatnonzero(info["_success"]):
+            infos[row]["is_success"] = bool(info["success"][row])
 
 
 # Any: of `gym.load_vector`.
 def make_vec_env(
-    domain: str, task: str, num_envs: int, *, seed: int | None = None, **kwargs: Any
+    domain: Tasks,
+    task: str | None = None,
+    num_envs: int | None = None,
+    *,
+    seed: int | None = None,
+    **kwargs: Any,
 ) -> VecEnv:
-    """A `VecEnv` of the suite.
+    """A `VecEnv` of a task, or of several.
 
     Args:
-      domain: such as 'humanoid'.
-      task: such as 'walk'.
-      num_envs: number of rows.
+      domain: such as 'humanoid'; or several tasks, see `limberjack.gym.load_vector`.
+      task: such as 'walk'; None with several tasks.
+      num_envs: number of rows; of several tasks together, a multiple of their number.
       seed: row i begins with the first episode of `RandomState(seed + i)`; None draws a seed.
       kwargs: see `limberjack.gym.load_vector`. Observations are float32 in one array unless `flat`
         or `dtype` say otherwise.

@@ -29,12 +29,13 @@ import numpy as np
 
 from limberjack import policies, suite
 from limberjack.episodes.environments import seconds_without_a_limit
-from limberjack.evaluation import sets, statistics
+from limberjack.evaluation import statistics
 from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
-from limberjack.evaluation.sets import TaskSet
 from limberjack.policies import PolicyError
 from limberjack.rl.control import Environment
+from limberjack.suite import sets
+from limberjack.suite.sets import TaskSet
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
 

@@ -22,18 +22,21 @@ from limberjack import registry
 
 if TYPE_CHECKING:
     from limberjack.gym.env import Env, load
+    from limberjack.gym.loading import load_vector
     from limberjack.gym.made import restore
+    from limberjack.gym.many import ManyVectorEnv
     from limberjack.gym.observations import Part
-    from limberjack.gym.vector import VectorEnv, load_vector
+    from limberjack.gym.vector import VectorEnv
 
-__all__ = ["Env", "Part", "VectorEnv", "load", "load_vector", "restore"]
+__all__ = ["Env", "ManyVectorEnv", "Part", "VectorEnv", "load", "load_vector", "restore"]
 
 _MODULES = {
     "Env": "limberjack.gym.env",
     "load": "limberjack.gym.env",
     "Part": "limberjack.gym.observations",
+    "ManyVectorEnv": "limberjack.gym.many",
     "VectorEnv": "limberjack.gym.vector",
-    "load_vector": "limberjack.gym.vector",
+    "load_vector": "limberjack.gym.loading",
     "restore": "limberjack.gym.made",
 }
 
@@ -71,3 +74,9 @@ def _follow(domain: registry.Domain, is_added: bool) -> None:
 
 
 registry.listen(_follow)
+
+# Several tasks: `gymnasium.make_vec(id, num_envs=16, tasks=["cheetah:run", "walker:walk"])`.
+gymnasium.register(
+    "limberjack/many-v0",
+    vector_entry_point="limberjack.gym.made:make_many",
+)

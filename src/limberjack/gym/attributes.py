@@ -19,6 +19,7 @@ import numpy as np
 
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batch_contract import Batch
+from limberjack.rl.many import ManyTasks
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.suggest import did_you_mean
 
@@ -91,17 +92,17 @@ def get(envs: Rows, name: str) -> list[object]:
     """
     if name in _COMMON:
         return [getattr(envs, _COMMON[name])] * envs.num_envs
-    return [value for batch in envs.batches for value in _of_batch(batch, name)]
+    return [value for batch in _batches(envs) for value in _of_batch(batch, name)]
 
 
 def has(envs: Rows, name: str) -> bool:
     """Whether `get` returns the attribute."""
-    return name in _COMMON or all(_knows(batch, name) for batch in envs.batches)
+    return name in _COMMON or all(_knows(batch, name) for batch in _batches(envs))
 
 
 def are_environments(envs: Rows) -> bool:
     """Whether the rows are complete environments; otherwise they share a task."""
-    return all(_is_of_environments(batch) for batch in envs.batches)
+    return all(_is_of_environments(batch) for batch in _batches(envs))
 
 
 def set_values(envs: Rows, name: str, values: object) -> None:
@@ -125,6 +126,11 @@ def set_values(envs: Rows, name: str, values: object) -> None:
     if name in _COMMON:
         raise AttributeError(
             f"all rows share the attribute {name!r}: give it where the environment is made"
+        )
+    if any(isinstance(batch, ManyTasks) for batch in envs.batches):
+        raise AttributeError(
+            f"{name!r} cannot be set in rows of several tasks: set it in the batch of its task, in "
+            "envs.batches[0].parts"
         )
     parts = [given[rows] for rows in envs.halves]
     if not are_environments(envs):
@@ -152,7 +158,7 @@ def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int
     if name in _COMMON:
         found = get(envs, name)
     else:
-        found = [one for batch in envs.batches for one in _methods_of(batch, name)]
+        found = [one for batch in _batches(envs) for one in _methods_of(batch, name)]
     chosen = [found[row] for row in rows]
     return [one(*args, **kwargs) if callable(one) else one for one in chosen]
 
@@ -206,6 +212,15 @@ def _set_in_tasks(
     if name in _memory(tasks[0]):
         for batch in batches:
             batch.keep_as_first(name)
+
+
+def _batches(envs: Rows) -> list[Batch]:
+    """The batches of one task each."""
+    return [
+        part
+        for batch in envs.batches
+        for part in (batch.parts if isinstance(batch, ManyTasks) else (batch,))
+    ]
 
 
 def _is_of_environments(batch: Batch) -> TypeGuard[RowsEnvironment]:

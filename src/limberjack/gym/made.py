@@ -28,11 +28,13 @@ from gymnasium.wrappers import TimeLimit
 from limberjack import registry, suite
 from limberjack.gym import arguments
 from limberjack.gym.env import Env, check_steps, load
-from limberjack.gym.vector import VectorEnv, load_vector
+from limberjack.gym.loading import load_vector
+from limberjack.gym.vector import VectorEnv
 from limberjack.rl.copies import difference
 from limberjack.rl.snapshot import Snapshot, as_snapshot
+from limberjack.suite.many import Tasks
 
-__all__ = ["make", "make_vector", "restore", "spec_of"]
+__all__ = ["make", "make_many", "make_vector", "restore", "spec_of"]
 
 _UNLIMITED = -1  # Gymnasium's `max_episode_steps` for no limit
 
@@ -247,4 +249,32 @@ def make_vector(
         limit = _limit(name, length, max_episode_steps, *how)
         if limit != own:
             batch.step_limit = limit * repeat
+    return envs
+
+
+def make_many(
+    num_envs: int,
+    *,
+    tasks: Tasks,
+    max_episode_steps: int | None = None,
+    **kwargs: Any,  # of `gym.load_vector`, which checks them
+) -> VectorEnv:
+    """The vector environment of several tasks, of the id `limberjack/many-v0`.
+
+    Args:
+      num_envs: number of rows, a multiple of the number of tasks.
+      tasks: a list such as ['cheetah:run', 'walker:walk'], or the name of a set.
+      max_episode_steps: actions of the episodes of all tasks; -1 for no limit, None for the tasks'
+        own.
+      kwargs: of `gym.load_vector`.
+
+    Raises:
+      TypeError: an argument is unknown; the message suggests the nearest name.
+      ValueError: see `gym.load_vector`; or `max_episode_steps` is out of range.
+    """
+    most = None if max_episode_steps is None else _checked(max_episode_steps)
+    envs = load_vector(tasks, num_envs=num_envs, **kwargs)
+    for batch in envs.batches:
+        if most is not None:
+            batch.step_limit = math.inf if most == _UNLIMITED else most * batch.action_repeat
     return envs

@@ -22,6 +22,7 @@ from limberjack.rl.given_state import (
     checked_states,
     state_sizes,
 )
+from limberjack.rl.many import ManyTasks
 from limberjack.rl.snapshot import Snapshot
 
 __all__ = ["State", "States", "state_of_one", "states_of_rows"]
@@ -70,6 +71,16 @@ def states_of_rows(
     """
     if given is None:
         return [[] for _ in batches]
+    if any(isinstance(batch, ManyTasks) for batch in batches) and not isinstance(
+        given, list | tuple
+    ):
+        if not isinstance(given, Snapshot):
+            raise TypeError(
+                f"state is a {type(given).__name__}, but the rows are of several tasks, whose "
+                "states differ; expected a list with a state or None for each row, or a snapshot "
+                "of all rows; nothing was reset"
+            )
+        given = [given.part(row) for row in range(len(given))]
     if isinstance(given, list | tuple):
         return _of_a_list(given, batches, begun)
     rows = np.flatnonzero(np.concatenate(begun))
@@ -112,7 +123,13 @@ def _of_a_list(
 
 
 def _of_items(items: Sequence[object], batch: Batch, start: int, begun: np.ndarray) -> States:
-    """The states of one batch, those with the same fields together."""
+    """The states of one batch, those of a task with the same fields together."""
+    if isinstance(batch, ManyTasks):
+        return [
+            (numbers + rows.start, state)
+            for part, rows in zip(batch.parts, batch.rows_of, strict=True)
+            for numbers, state in _of_items(items[rows], part, start + rows.start, begun[rows])
+        ]
     given = [item for item, is_begun in zip(items, begun, strict=True) if is_begun]
     own = batch.snapshot([0]) if any(isinstance(item, Snapshot) for item in given) else None
     has_mappings = not all(item is None or isinstance(item, Snapshot) for item in given)

@@ -15,7 +15,7 @@ from limberjack.gym.observations import Observation, Observations
 from limberjack.gym.states import States
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import check_actions
-from limberjack.utils.arrays import Quantity, any_of
+from limberjack.utils.arrays import any_of
 
 __all__ = ["Step", "Transitions"]
 
@@ -136,8 +136,10 @@ class Transitions:
         drawn = self.batch.randomization
         if not drawn or not any_of(begun):
             return {}
-        values = _with_masks({name: values.copy() for name, values in drawn.items()}, begun)
-        return {"randomization": values, "_randomization": begun.copy()}
+        # As in Gymnasium: the mask of the rows that each is valid for stands beside it.
+        values = {name: values.copy() for name, values in drawn.items()}
+        masks = {f"_{name}": begun.copy() for name in drawn}
+        return {"randomization": values | masks, "_randomization": begun.copy()}
 
     def _terms(self, rows: np.ndarray) -> _Info:
         """The terms of the last step's reward, and whether the goal is reached, in some rows.
@@ -156,11 +158,18 @@ class Transitions:
             name: values if all_rows and _is_own(values) else np.where(rows, values, 0.0)
             for name, values in terms.items()
         }
-        info: _Info = {"reward_terms": _with_masks(shown, rows), "_reward_terms": rows}
+        masks = {name: self._rows_with(name, rows) for name in shown}
+        of_terms = {**shown, **{f"_{name}": mask for name, mask in masks.items()}}
+        info: _Info = {"reward_terms": of_terms, "_reward_terms": rows}
         success = batch.success
         if success is not None:
-            info |= {"success": success & rows, "_success": rows}
+            info |= {"success": success & rows, "_success": self._rows_with("success", rows)}
         return info
+
+    def _rows_with(self, term: str, rows: np.ndarray) -> np.ndarray:
+        """Those of some rows whose task has a term, as a new mask."""
+        having = self.batch.rows_with(term)
+        return rows.copy() if having is None else rows & having
 
     def _in_form(self, observation: Mapping[str, np.ndarray]) -> Observation:
         if self._copies:
@@ -172,8 +181,3 @@ class Transitions:
 def _is_own(values: object) -> bool:
     """Whether it is an array of one number for each row, and not a view of another array."""
     return isinstance(values, np.ndarray) and values.ndim == 1 and values.flags.owndata
-
-
-def _with_masks(values: Mapping[str, Quantity], rows: np.ndarray) -> dict[str, Quantity]:
-    """The values and, as in Gymnasium, the mask of rows that each is valid for, as '_name'."""
-    return {**values, **{f"_{name}": rows.copy() for name in values}}

@@ -1,6 +1,6 @@
 """`VectorEnv`: a batch of simulations as a `gymnasium.vector.VectorEnv`.
 
-    envs = load_vector("humanoid", "walk", num_envs=256, flat=True, dtype="float32")
+    envs = gym.load_vector("humanoid", "walk", num_envs=256, flat=True, dtype="float32")
     observations, info = envs.reset(seed=0)
     observations, rewards, terminated, truncated, info = envs.step(actions)    # (256, 21)
 
@@ -37,7 +37,6 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from limberjack import suite
 from limberjack.gym import arguments, attributes
 from limberjack.gym.observations import (
     AnyObservation,
@@ -50,10 +49,9 @@ from limberjack.gym.observations import (
 from limberjack.gym.states import states_of_rows
 from limberjack.gym.transitions import Step, Transitions
 from limberjack.rl.batch_contract import Batch
-from limberjack.rl.guards import at_least_one
 from limberjack.rl.represented import represented
 
-__all__ = ["VectorEnv", "Workers", "joined", "load_vector"]
+__all__ = ["VectorEnv", "Workers", "joined"]
 
 _T = TypeVar("_T")  # arrays, or dicts of them
 _R = TypeVar("_R")  # the result of a job
@@ -240,6 +238,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     def _set_spaces(self, flat: bool, dtype: npt.DTypeLike) -> None:
         batch: Batch = self.batches[0]
         of_one = specs_of_one_row(batch.observation_spec())
+        if flat and batch.flat_names is not None:
+            of_one = {name: of_one[name] for name in batch.flat_names}
         self._observations = observations_of(of_one, flat, dtype, batch.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
         self.single_action_space = action_space(batch.single_action_spec())
@@ -473,77 +473,3 @@ def _described(batch: Batch) -> dict[str, object]:
         "actions": batch.action_spec().shape[1:],
         "observations": {name: (spec.shape, str(spec.dtype)) for name, spec in shapes.items()},
     }
-
-
-def load_vector(
-    domain: str,
-    task: str,
-    num_envs: int,
-    *,
-    time_limit: float | None = None,
-    task_kwargs: Mapping[str, object] | None = None,
-    environment_kwargs: Mapping[str, object] | None = None,
-    randomize: Mapping[str, object] | None = None,
-    pixels: Mapping[str, object] | None = None,
-    num_threads: int | None = None,
-    on_divergence: str = "end",
-    vectorised: bool | None = None,
-    action_repeat: int | None = None,
-    stagger: bool = False,
-    pipelined: bool = False,
-    **kwargs: Any,  # of `VectorEnv`
-) -> VectorEnv:
-    """A vector environment of a task, which counts the steps of its episodes itself.
-
-    Args:
-      domain: such as 'humanoid'.
-      task: such as 'walk'.
-      num_envs: number of rows.
-      time_limit: length of an episode, seconds; None for the task's own.
-      task_kwargs: see `suite.load_batch`.
-      environment_kwargs: see `suite.load_batch`.
-      randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
-      pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
-        `limberjack.rl.pixels`.
-      num_threads: threads that step the rows; by default as many of the available cores as the
-        work of a step can occupy.
-      on_divergence: see `suite.load_batch`.
-      vectorised: False makes complete environments, with attributes of their own; see
-        `suite.load_batch`.
-      action_repeat: control steps per action, whose rewards are summed; see `suite.load_batch`.
-      stagger: end the first episode of each row after a random number of steps; see
-        `suite.load_batch`.
-      pipelined: make two halves, for `send` and `recv`.
-      kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs, width, height,
-        camera_id, camera_name: see `VectorEnv`.
-
-    Raises:
-      TypeError: an argument is unknown; the message suggests the nearest name.
-    """
-    arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
-    of_task = arguments.task_arguments(task_kwargs, time_limit)
-    of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
-    batches = [
-        suite.load_batch(
-            domain,
-            task,
-            size,
-            num_threads,
-            task_kwargs=of_task,
-            environment_kwargs=of_environment,
-            on_divergence=on_divergence,
-            vectorised=vectorised,
-            action_repeat=action_repeat,
-            stagger=stagger,
-        )
-        for size in _sizes(num_envs, pipelined)
-    ]
-    return VectorEnv(*batches, **kwargs)
-
-
-def _sizes(num_envs: int, pipelined: bool) -> list[int]:
-    """Numbers of rows of the batch, or of the halves."""
-    num_envs = at_least_one("num_envs", num_envs)
-    if pipelined and num_envs == 1:
-        raise ValueError("num_envs is 1; expected at least 2 for two halves")
-    return [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]

@@ -50,6 +50,7 @@ class Batch(abc.ABC):
       registration: the suite's record of the domain; see `control.Environment`.
       why_rows: the reason why the task is not vectorised, with the change to make; None if it is.
       diverged: mask of rows that diverged in the last step, (num_envs,).
+      flat_names: the observations that a flat array consists of; None for all.
     """
 
     num_envs: int
@@ -58,6 +59,7 @@ class Batch(abc.ABC):
     registration: object = None
     why_rows: str | None = None
     diverged: np.ndarray
+    flat_names: tuple[str, ...] | None = None
     _action_spec: specs.BoundedArray
     _steps: np.ndarray  # of each row's episode, (num_envs,)
 
@@ -208,10 +210,6 @@ class Batch(abc.ABC):
         """The specs of the observations of all rows, (num_envs, ...) each."""
 
     @abc.abstractmethod
-    def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
-        """Sets valid states of rows that have just begun; returns the time step of all rows."""
-
-    @abc.abstractmethod
     def _draw(self, rows: np.ndarray, **kwargs: object) -> np.ndarray:
         """Pictures of rows by one camera."""
 
@@ -254,6 +252,19 @@ class Batch(abc.ABC):
             time_step = self._set_checked(checked, numbers)
             self._begins[numbers] = False
         return time_step
+
+    def _set_checked(self, states: Mapping[str, np.ndarray], rows: np.ndarray) -> dm_env.TimeStep:
+        """Sets valid states of rows that have just begun; returns the time step of all rows."""
+        raise TypeError(f"the rows of {self.name} have no common state")
+
+    def rows_with(self, term: str) -> np.ndarray | None:
+        """Mask of the rows whose task has a term of the reward, (num_envs,); None for all.
+
+        Args:
+          term: a name of `reward_terms`, or 'success'.
+        """
+        del term  # the rows of one task have the same ones
+        return None
 
     def restart(self) -> None:
         """Make every row begin an episode with the next step, in the middle of one too."""

@@ -13,9 +13,9 @@ the current list, including tasks added to a domain's `SUITE` later.
 import dataclasses
 import importlib
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import ModuleType
-from typing import Literal, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import dm_env
 
@@ -38,6 +38,10 @@ from limberjack.suite._registration import (
 )
 from limberjack.utils.keywords import keywords
 from limberjack.utils.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from limberjack.rl.many import ManyTasks
+    from limberjack.suite.many import Tasks
 
 __all__ = [
     "ALL_TASKS",
@@ -217,16 +221,35 @@ def load_batch(
 ) -> BatchEnvironment: ...
 
 
+@overload
 def load_batch(
-    domain_name: str,
-    task_name: str,
-    num_envs: int,
+    domain_name: "Tasks",
+    task_name: None = None,
+    num_envs: int | None = None,
     num_threads: int | None = None,
     seed: int | None = None,
     task_kwargs: Mapping[str, object] | None = None,
     environment_kwargs: Mapping[str, object] | None = None,
     on_divergence: str = "end",
     *,
+    rows: int | Sequence[int] | None = None,
+    vectorised: bool | None = None,
+    action_repeat: int | None = None,
+    stagger: bool = False,
+) -> "ManyTasks": ...
+
+
+def load_batch(
+    domain_name: "Tasks",
+    task_name: str | None = None,
+    num_envs: int | None = None,
+    num_threads: int | None = None,
+    seed: int | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
+    on_divergence: str = "end",
+    *,
+    rows: int | Sequence[int] | None = None,
     vectorised: bool | None = None,
     action_repeat: int | None = None,
     stagger: bool = False,
@@ -234,12 +257,14 @@ def load_batch(
     """Many environments of the suite, stepped in lockstep; see `limberjack.rl.batch`.
 
     The suite's own tasks are vectorised. A registered one that cannot be is played in complete
-    environments; see `limberjack.rl.batches`.
+    environments; see `limberjack.rl.batches`. Several tasks are one batch of padded arrays; see
+    `limberjack.rl.many`.
 
     Args:
-      domain_name: such as 'humanoid'.
-      task_name: such as 'walk'.
-      num_envs: number of rows.
+      domain_name: such as 'humanoid'; or several tasks: a list such as ['cheetah:run',
+        'walker:walk'], or the name of a set such as 'dmc28', see `limberjack.suite.sets`.
+      task_name: such as 'walk'; None with several tasks.
+      num_envs: number of rows; of several tasks together, or give `rows`.
       num_threads: number of threads; by default as many of the available cores as the work of a
         step can occupy.
       seed: row i equals `load` with `{'random': seed + i}`; None for an arbitrary seed.
@@ -250,14 +275,38 @@ def load_batch(
         would; False makes complete environments.
       action_repeat: control steps per action; see `control.Environment.step`. None leaves it to
         the factory of the task.
+      rows: of each of several tasks: a number for all, or a list with one for each.
       stagger: end the first episode of each row after a random number of steps, so that rows do not
         end together; see `limberjack.rl.streams`.
 
     Raises:
-      ValueError: there is no such domain or task, or a number is out of range; or `vectorised` is
-        True and the task cannot be vectorised.
-      TypeError: there is no such keyword.
+      ValueError: there is no such domain, task or set, or a number is out of range; or `vectorised`
+        is True and the task cannot be vectorised.
+      TypeError: there is no such keyword, or `rows` is given for one task.
     """
+    if task_name is None:
+        from limberjack.suite import many  # which needs this function
+
+        return many.load(
+            domain_name,
+            rows,
+            num_envs,
+            num_threads=num_threads,
+            seed=seed,
+            task_kwargs=task_kwargs,
+            environment_kwargs=environment_kwargs,
+            on_divergence=on_divergence,
+            vectorised=vectorised,
+            action_repeat=action_repeat,
+            stagger=stagger,
+        )
+    if not isinstance(domain_name, str):
+        raise TypeError(f"task_name is {task_name!r}; expected None with a list of tasks")
+    if num_envs is None or rows is not None:
+        raise TypeError(
+            f"num_envs is {num_envs} and rows is {rows}; expected num_envs for one task, and rows "
+            "only for a list of tasks"
+        )
     if "random" in keywords("task_kwargs", task_kwargs):
         raise TypeError(
             "load_batch does not accept 'random' in task_kwargs: pass seed instead, from which "

@@ -3,7 +3,8 @@
 import pytest
 
 from limberjack import suite
-from limberjack.evaluation import published, sets
+from limberjack.evaluation import published
+from limberjack.suite import sets
 
 _PAPERS = "dmc28", "dmc-hard", "dmc-sparse"
 

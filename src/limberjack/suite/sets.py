@@ -1,6 +1,6 @@
 """Sets of tasks by the names that papers give them.
 
-    from limberjack.evaluation import sets
+    from limberjack.suite import sets
 
     sets.tasks_of("dmc28")      # (('acrobot', 'swingup'), ('ball_in_cup', 'catch'), ...)
     sets.find("dmc28").source   # the code that defines it

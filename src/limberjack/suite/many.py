@@ -1,0 +1,159 @@
+"""Batches of several tasks of the suite; see `limberjack.rl.many`.
+
+named(["cheetah:run", "walker:walk"])       # (('cheetah', 'run'), ('walker', 'walk'))
+load(["cheetah:run", "walker:walk"], rows=8)
+"""
+
+import dataclasses
+import inspect
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from limberjack import suite
+from limberjack.rl.batch_contract import Batch
+from limberjack.rl.guards import at_least_one, first_seed
+from limberjack.rl.many import ManyTasks, TaskOfMany, threads_of_one
+from limberjack.suite import sets
+
+__all__ = ["Tasks", "load", "load_halves", "named"]
+
+# The name of a set of tasks, or tasks such as 'walker:walk' or ('walker', 'walk').
+Tasks = str | Sequence[str] | Sequence[tuple[str, str]]
+
+
+def named(tasks: Tasks) -> tuple[tuple[str, str], ...]:
+    """The (domain, task) pairs of a set, or of a list of tasks.
+
+    Raises:
+      ValueError: there is no such set, or a name is not of a task, or the list is empty.
+      TypeError: it is neither a name nor a list.
+    """
+    if isinstance(tasks, str):
+        return sets.tasks_of(tasks)
+    if not isinstance(tasks, Iterable):
+        raise TypeError(
+            f"tasks are {tasks!r}; expected a list such as ['walker:walk', 'fish:swim']"
+        )
+    found = tuple(_pair(task) for task in tasks)
+    if not found:
+        raise ValueError("the list of tasks is empty; expected names such as 'walker:walk'")
+    return found
+
+
+def _pair(task: object) -> tuple[str, str]:
+    pair = task.split(":") if isinstance(task, str) else task
+    match pair:
+        case [str(domain), str(name)] | (str(domain), str(name)):
+            return domain, name
+    raise ValueError(f"a task is {task!r}; expected a name such as 'walker:walk'")
+
+
+def load(
+    tasks: Tasks,
+    rows: int | Sequence[int] | None = None,
+    num_envs: int | None = None,
+    num_threads: int | None = None,
+    seed: int | None = None,
+    **kwargs: Any,  # of `suite.load_batch`, which checks them
+) -> ManyTasks:
+    """The batch of several tasks.
+
+    Args:
+      tasks: see `named`.
+      rows: of each task; a number for all, or a list with one for each.
+      num_envs: rows of all tasks together, in the place of `rows`.
+      num_threads: of all tasks together; by default as many as there are cores, at most 8.
+      seed: row i of the whole equals `suite.load` with `{'random': seed + i}`; None for any.
+      kwargs: of `suite.load_batch`, for each task.
+
+    Raises:
+      ValueError, TypeError: see `named` and `suite.load_batch`; or rows are not given once, or do
+        not fit the tasks.
+    """
+    chosen = named(tasks)
+    counts = _counts(rows, num_envs, len(chosen))
+    (many,) = _load(chosen, counts, [0, sum(counts)], num_threads, seed, kwargs)
+    return many
+
+
+def load_halves(
+    tasks: Tasks,
+    rows: int | Sequence[int] | None = None,
+    num_envs: int | None = None,
+    num_threads: int | None = None,
+    seed: int | None = None,
+    **kwargs: Any,  # of `suite.load_batch`, which checks them
+) -> tuple[ManyTasks, ManyTasks]:
+    """The first and the second half of the rows of `load`, with arrays of the same width.
+
+    Raises:
+      ValueError, TypeError: see `load`; or there is only one row.
+    """
+    chosen = named(tasks)
+    counts = _counts(rows, num_envs, len(chosen))
+    total = sum(counts)
+    if total == 1:
+        raise ValueError("there is 1 row; expected at least 2 for two halves")
+    bounds = [0, total - total // 2, total]
+    first, second = _load(chosen, counts, bounds, num_threads, seed, kwargs)
+    return first, second
+
+
+def _load(
+    tasks: Sequence[tuple[str, str]],
+    counts: Sequence[int],
+    bounds: Sequence[int],
+    num_threads: int | None,
+    seed: int | None,
+    kwargs: Mapping[str, Any],  # of `suite.load_batch`
+) -> list[ManyTasks]:
+    """The batch of the rows between each two bounds, given the number of rows of each task."""
+    first = first_seed(seed, sum(counts))
+    threads = threads_of_one(num_threads, len(tasks))
+    batches: list[list[Batch]] = [[] for _ in bounds[1:]]
+    facts, start = [], 0
+    for (domain, task), count in zip(tasks, counts, strict=True):
+        stop = start + count
+        for of_part, (low, high) in zip(batches, itertools.pairwise(bounds), strict=True):
+            size = min(stop, high) - max(start, low)
+            if size > 0:
+                own = first + max(start, low)
+                batch = suite.load_batch(domain, task, size, threads, own, **kwargs)
+                of_part.append(batch)
+                fact = TaskOfMany.of(batch, start, _instruction(domain, task))
+        facts.append(dataclasses.replace(fact, rows=slice(start, stop)))
+        start = stop
+    return [ManyTasks(of_part, facts, num_threads) for of_part in batches]
+
+
+def _instruction(domain: str, task: str) -> str:
+    """What a task wants: the first sentence of the text of its function."""
+    text = inspect.getdoc(suite.module_of(domain).SUITE[task]) or ""
+    return text.partition("\n")[0]
+
+
+def _counts(rows: int | Sequence[int] | None, num_envs: int | None, num_tasks: int) -> list[int]:
+    """The number of rows of each task."""
+    if (rows is None) is (num_envs is None):
+        raise TypeError(
+            f"rows is {rows!r} and num_envs is {num_envs!r}; expected one of them for a list of "
+            "tasks: rows of each task, or of all together"
+        )
+    if num_envs is not None:
+        if at_least_one("num_envs", num_envs) % num_tasks:
+            raise ValueError(
+                f"num_envs is {num_envs}; expected a multiple of {num_tasks}, the number of tasks"
+            )
+        return [num_envs // num_tasks] * num_tasks
+    if np.ndim(rows) == 0:
+        return [at_least_one("rows", rows)] * num_tasks
+    counts = [at_least_one("rows", count) for count in rows or ()]
+    if len(counts) != num_tasks:
+        raise ValueError(
+            f"rows has {len(counts)} numbers; expected {num_tasks}, one for each task, or one "
+            "number for all"
+        )
+    return counts
