@@ -31,7 +31,7 @@ import typer
 
 from limberjack import policies
 from limberjack.episodes.statistics import bootstrap_interval
-from limberjack.suite import sets
+from limberjack.registry import sets
 
 __all__ = ["FILE", "SEEDS", "Shift", "draw", "main", "measure", "rows_of", "section", "write_page"]
 

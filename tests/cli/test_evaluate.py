@@ -254,7 +254,7 @@ def test_a_shard_without_a_folder_is_status_2() -> None:
 def small_set(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two tasks and two seeds in the place of dmc-sparse and its ten."""
     from limberjack.evaluation import protocol
-    from limberjack.suite import sets
+    from limberjack.registry import sets
 
     tasks = (("cartpole", "balance_sparse"), ("pendulum", "swingup"))
     small = sets.TaskSet("dmc-sparse", tasks, "this test")

@@ -22,7 +22,7 @@ _OWN = {suite_module(domain) for domain in _DOMAINS}
 _WITH_A_REASON = {
     "limberjack.gpu",
     "limberjack.planner.arm.geometry",
-    "limberjack.suite.sets",
+    "limberjack.registry.sets",
     "limberjack.training.settings",
 }
 _EVERYWHERE_ELSE = [

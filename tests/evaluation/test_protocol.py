@@ -10,7 +10,7 @@ from limberjack import policies, suite
 from limberjack.evaluation import evaluate, protocol, statistics
 from limberjack.evaluation.protocol import TaskScores, episodes_of, evaluate_set
 from limberjack.policies import PolicyError, mlp
-from limberjack.suite.sets import TaskSet
+from limberjack.registry.sets import TaskSet
 
 _FAST = TaskSet("fast", (("cartpole", "balance"), ("pendulum", "swingup")), "this test")
 

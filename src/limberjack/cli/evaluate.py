@@ -185,7 +185,7 @@ def _evaluate_set(
         failures_reported(progress, lambda: _done(progress, out)),
     ):
         from limberjack.evaluation.protocol import episodes_of, evaluate_set, policy_for
-        from limberjack.suite.sets import tasks_of
+        from limberjack.registry.sets import tasks_of
 
         tasks = tasks_of(task_set)
         for name in names:

@@ -33,9 +33,9 @@ from limberjack.evaluation import statistics
 from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
 from limberjack.policies import PolicyError
+from limberjack.registry import sets
+from limberjack.registry.sets import TaskSet
 from limberjack.rl.control import Environment
-from limberjack.suite import sets
-from limberjack.suite.sets import TaskSet
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
 

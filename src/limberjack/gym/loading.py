@@ -13,13 +13,13 @@ from limberjack.gym import arguments
 from limberjack.gym.many import ManyVectorEnv
 from limberjack.gym.vector import VectorEnv
 from limberjack.rl.guards import at_least_one
-from limberjack.suite import many
+from limberjack.suite.many import Tasks
 
 __all__ = ["load_vector"]
 
 
 def load_vector(
-    domain: many.Tasks,
+    domain: Tasks,
     task: str | None = None,
     num_envs: int | None = None,
     *,
@@ -81,9 +81,10 @@ def load_vector(
     }
     if task is None:
         kwargs = {"flat": True, **kwargs}
+        how |= {"rows": rows, "num_envs": num_envs}
         if pipelined:
-            return ManyVectorEnv(*many.load_halves(domain, rows, num_envs, **how), **kwargs)
-        return ManyVectorEnv(many.load(domain, rows, num_envs, **how), **kwargs)
+            return ManyVectorEnv(*suite.load_halves(domain, **how), **kwargs)
+        return ManyVectorEnv(suite.load_batch(domain, **how), **kwargs)
     if not isinstance(domain, str) or num_envs is None or rows is not None:
         raise TypeError(
             f"domain is {domain!r}, task is {task!r}, num_envs is {num_envs}, rows is {rows}; "

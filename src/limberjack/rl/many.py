@@ -587,8 +587,9 @@ class ManyTasks(Batch):
 
     @property
     def step_limit(self) -> float:
-        """Control steps of the longest task's episodes; setting it sets it for all tasks."""
-        return max(part.step_limit for part in self.parts)
+        """Control steps per episode, infinite if tasks differ; setting it sets it for all."""
+        is_common = len({task.episode_length for task in self.tasks}) == 1
+        return self.parts[0].step_limit if is_common else math.inf
 
     @step_limit.setter
     def step_limit(self, limit: float) -> None:

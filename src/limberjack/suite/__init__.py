@@ -15,7 +15,7 @@ import importlib
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal, overload
+from typing import Any, Literal, overload
 
 import dm_env
 
@@ -26,7 +26,9 @@ from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
 from limberjack.rl.copies import control_of, difference
+from limberjack.rl.many import ManyTasks
 from limberjack.rl.rows import RowsEnvironment
+from limberjack.suite import many
 from limberjack.suite._registration import (
     Domains,
     find,
@@ -36,12 +38,9 @@ from limberjack.suite._registration import (
     require,
     unregister,
 )
+from limberjack.suite.many import Tasks
 from limberjack.utils.keywords import keywords
 from limberjack.utils.suggest import did_you_mean
-
-if TYPE_CHECKING:
-    from limberjack.rl.many import ManyTasks
-    from limberjack.suite.many import Tasks
 
 __all__ = [
     "ALL_TASKS",
@@ -57,6 +56,7 @@ __all__ = [
     "find_installed",
     "load",
     "load_batch",
+    "load_halves",
     "module_of",
     "register",
     "require",
@@ -223,24 +223,23 @@ def load_batch(
 
 @overload
 def load_batch(
-    domain_name: "Tasks",
-    task_name: None = None,
+    domain_name: Tasks,
+    *,
     num_envs: int | None = None,
     num_threads: int | None = None,
     seed: int | None = None,
     task_kwargs: Mapping[str, object] | None = None,
     environment_kwargs: Mapping[str, object] | None = None,
     on_divergence: str = "end",
-    *,
     rows: int | Sequence[int] | None = None,
     vectorised: bool | None = None,
     action_repeat: int | None = None,
     stagger: bool = False,
-) -> "ManyTasks": ...
+) -> ManyTasks: ...
 
 
 def load_batch(
-    domain_name: "Tasks",
+    domain_name: Tasks,
     task_name: str | None = None,
     num_envs: int | None = None,
     num_threads: int | None = None,
@@ -262,7 +261,7 @@ def load_batch(
 
     Args:
       domain_name: such as 'humanoid'; or several tasks: a list such as ['cheetah:run',
-        'walker:walk'], or the name of a set such as 'dmc28', see `limberjack.suite.sets`.
+        'walker:walk'], or the name of a set such as 'dmc28', see `limberjack.registry.sets`.
       task_name: such as 'walk'; None with several tasks.
       num_envs: number of rows; of several tasks together, or give `rows`.
       num_threads: number of threads; by default as many of the available cores as the work of a
@@ -285,9 +284,8 @@ def load_batch(
       TypeError: there is no such keyword, or `rows` is given for one task.
     """
     if task_name is None:
-        from limberjack.suite import many  # which needs this function
-
         return many.load(
+            load_batch,
             domain_name,
             rows,
             num_envs,
@@ -325,6 +323,20 @@ def load_batch(
     )
     batch.registration = getattr(control_of(build.original), "registration", None)
     return batch
+
+
+def load_halves(
+    tasks: Tasks,
+    rows: int | Sequence[int] | None = None,
+    num_envs: int | None = None,
+    **kwargs: Any,  # of `load_batch`, which checks them
+) -> tuple[ManyTasks, ManyTasks]:
+    """The two halves of the batch of several tasks, for `gym.VectorEnv`; see `load_batch`.
+
+    Raises:
+      ValueError, TypeError: see `load_batch`; or there is only one row.
+    """
+    return many.load_halves(load_batch, tasks, rows, num_envs, **kwargs)
 
 
 def build_of(

@@ -7,19 +7,21 @@ load(["cheetah:run", "walker:walk"], rows=8)
 import dataclasses
 import inspect
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from limberjack import suite
+from limberjack.registry import sets
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import at_least_one, first_seed
 from limberjack.rl.many import ManyTasks, TaskOfMany, threads_of_one
-from limberjack.suite import sets
+from limberjack.suite._registration import find
 
-__all__ = ["Tasks", "load", "load_halves", "named"]
+__all__ = ["LoadOne", "Tasks", "instruction", "load", "load_halves", "named"]
 
+# Any: of `suite.load_batch`, which checks them.
+LoadOne = Callable[..., Any]
 # The name of a set of tasks, or tasks such as 'walker:walk' or ('walker', 'walk').
 Tasks = str | Sequence[str] | Sequence[tuple[str, str]]
 
@@ -52,6 +54,7 @@ def _pair(task: object) -> tuple[str, str]:
 
 
 def load(
+    load_one: LoadOne,
     tasks: Tasks,
     rows: int | Sequence[int] | None = None,
     num_envs: int | None = None,
@@ -62,6 +65,7 @@ def load(
     """The batch of several tasks.
 
     Args:
+      load_one: `suite.load_batch`.
       tasks: see `named`.
       rows: of each task; a number for all, or a list with one for each.
       num_envs: rows of all tasks together, in the place of `rows`.
@@ -75,11 +79,12 @@ def load(
     """
     chosen = named(tasks)
     counts = _counts(rows, num_envs, len(chosen))
-    (many,) = _load(chosen, counts, [0, sum(counts)], num_threads, seed, kwargs)
+    (many,) = _load(load_one, chosen, counts, [0, sum(counts)], num_threads, seed, kwargs)
     return many
 
 
 def load_halves(
+    load_one: LoadOne,
     tasks: Tasks,
     rows: int | Sequence[int] | None = None,
     num_envs: int | None = None,
@@ -98,11 +103,12 @@ def load_halves(
     if total == 1:
         raise ValueError("there is 1 row; expected at least 2 for two halves")
     bounds = [0, total - total // 2, total]
-    first, second = _load(chosen, counts, bounds, num_threads, seed, kwargs)
+    first, second = _load(load_one, chosen, counts, bounds, num_threads, seed, kwargs)
     return first, second
 
 
 def _load(
+    load_one: LoadOne,
     tasks: Sequence[tuple[str, str]],
     counts: Sequence[int],
     bounds: Sequence[int],
@@ -121,18 +127,19 @@ def _load(
             size = min(stop, high) - max(start, low)
             if size > 0:
                 own = first + max(start, low)
-                batch = suite.load_batch(domain, task, size, threads, own, **kwargs)
-                of_part.append(batch)
-                fact = TaskOfMany.of(batch, start, _instruction(domain, task))
+                of_part.append(load_one(domain, task, size, threads, own, **kwargs))
+        made = next(of_part[-1] for of_part in batches[::-1] if of_part)
+        fact = TaskOfMany.of(made, start, instruction(domain, task))
         facts.append(dataclasses.replace(fact, rows=slice(start, stop)))
         start = stop
     return [ManyTasks(of_part, facts, num_threads) for of_part in batches]
 
 
-def _instruction(domain: str, task: str) -> str:
+def instruction(domain: str, task: str) -> str:
     """What a task wants: the first sentence of the text of its function."""
-    text = inspect.getdoc(suite.module_of(domain).SUITE[task]) or ""
-    return text.partition("\n")[0]
+    found = find(domain)
+    text = None if found is None else inspect.getdoc(found.load().SUITE[task])
+    return (text or "").partition("\n")[0]
 
 
 def _counts(rows: int | Sequence[int] | None, num_envs: int | None, num_tasks: int) -> list[int]:
@@ -148,9 +155,9 @@ def _counts(rows: int | Sequence[int] | None, num_envs: int | None, num_tasks: i
                 f"num_envs is {num_envs}; expected a multiple of {num_tasks}, the number of tasks"
             )
         return [num_envs // num_tasks] * num_tasks
-    if np.ndim(rows) == 0:
+    if not isinstance(rows, Sequence | np.ndarray):
         return [at_least_one("rows", rows)] * num_tasks
-    counts = [at_least_one("rows", count) for count in rows or ()]
+    counts = [at_least_one("rows", count) for count in rows]
     if len(counts) != num_tasks:
         raise ValueError(
             f"rows has {len(counts)} numbers; expected {num_tasks}, one for each task, or one "

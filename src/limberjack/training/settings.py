@@ -1,14 +1,14 @@
 """`Settings`: the numbers with which a task is trained, from a table with a row per domain.
 
-    settings = settings_for("walker", "walk")   # the row of the domain, or of the task if it has one
+    settings = settings_for("walker", "walk")   # the row of the task, or of its domain
     settings = settings_for("swing")            # of a domain of your own: the defaults
     settings = read_settings(Path("mine.toml")) # a file in the place of the row
 
 The table is table.toml beside this file. A task that needs other settings than the rest of its
-domain has a row of its own, "domain:task", with what differs from the domain's. It and files of your own are TOML with some of the names
-below, such as `learning_rate = 3e-4`; names that are left out have the defaults. Each number was
-chosen by what is written beside it. Figures are means of deterministic episodes of this package on
-one processor core.
+domain has a row of its own, "domain:task", with what differs from the domain's. The table and files
+of your own are TOML with some of the names below, such as `learning_rate = 3e-4`; names that are
+left out have the defaults. Each number was chosen by what is written beside it. Figures are means
+of deterministic episodes of this package on one processor core.
 """
 
 import dataclasses

@@ -1,17 +1,17 @@
 """Sets of tasks by the names that papers give them.
 
-    from limberjack.suite import sets
+    from limberjack.registry import sets
 
     sets.tasks_of("dmc28")      # (('acrobot', 'swingup'), ('ball_in_cup', 'catch'), ...)
     sets.find("dmc28").source   # the code that defines it
 
-The sets of papers are fixed. Those of the suite's tags follow its constants: `all` and `extra` have
+The sets of papers are fixed. Those of the suite's tags are its constants: `all` and `extra` have
 the tasks of registered domains too.
 """
 
 import dataclasses
 
-from limberjack import suite
+from limberjack.registry import TASKS, domains
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["TaskSet", "find", "names", "tasks_of"]
@@ -73,11 +73,13 @@ _SPARSE = (
     ("reacher", "hard"),
 )
 
+_OF_THE_SUITE = tuple((row.domain, row.task) for row in TASKS)
+
 _SIMBAV2 = "scale_rl/envs/dmc.py in https://github.com/DAVIAN-Robotics/SimbaV2, commit 86899c2"
 _SETS_OF_PAPERS = (
     TaskSet(
         "dmc28",
-        tuple(sorted((*_EASY_AND_MEDIUM, *_HARD), key=suite.ALL_TASKS.index)),
+        tuple(sorted((*_EASY_AND_MEDIUM, *_HARD), key=_OF_THE_SUITE.index)),
         f"DMC_EASY_MEDIUM and DMC_HARD of {_SIMBAV2}; the list dmc in MRQ/utils.py of "
         "https://github.com/facebookresearch/MRQ, commit 8a44a7d, has the same tasks",
     ),
@@ -117,15 +119,19 @@ def tasks_of(name: str) -> _Tasks:
 
 def _sets() -> tuple[TaskSet, ...]:
     """The sets of papers, and those of the suite's tags as they are now."""
-    tags = {
-        "all": "ALL_TASKS",
-        "benchmarking": "BENCHMARKING",
-        "extra": "EXTRA",
-        "easy": "EASY",
-        "hard": "HARD",
-    }
-    tagged = (
-        TaskSet(name, getattr(suite, constant), f"dm_control's suite.{constant}")
-        for name, constant in tags.items()
+    registered = tuple(
+        (row.domain, row.task)
+        for domain in domains().values()
+        if domain.source == "registered"
+        for row in domain.rows
     )
+    tags = {
+        tag: tuple((row.domain, row.task) for row in TASKS if tag in row.tags)
+        for tag in ("benchmarking", "easy", "hard")
+    }
+    rest = sorted({*_OF_THE_SUITE} - {*tags["benchmarking"]})
+    tasks = {"all": _OF_THE_SUITE + registered, "extra": (*rest, *registered), **tags}
+    constants = {name: f"dm_control's suite.{name.upper()}" for name in tasks}
+    constants["all"] = "dm_control's suite.ALL_TASKS"
+    tagged = (TaskSet(name, of_tag, constants[name]) for name, of_tag in tasks.items())
     return (*_SETS_OF_PAPERS, *tagged)
