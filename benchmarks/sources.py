@@ -34,6 +34,7 @@ _PARTS = {
     "collecting.json": ("episodes", "policies", "workers", *_SIMULATED),
     "exactness.json": _SIMULATED,
     "learned/*.json": ("suite/{domain}.*", "policies/mlp.py", "training", "mujoco", "rl"),
+    "many.json": ("gym", *_SIMULATED),
     "overhead.json": ("gym", *_SIMULATED),
     "path_searches.json": ("planner", *_SIMULATED),
     "planner.json": ("planner", *_SIMULATED),

@@ -71,7 +71,7 @@ def threads_of_one(num_threads: int | None, num_tasks: int) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class TaskOfMany:
-    """What rows of one task have in common.
+    """The facts that rows of one task have in common.
 
     Attributes:
       name: such as 'cheetah:run'.

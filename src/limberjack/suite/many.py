@@ -136,7 +136,7 @@ def _load(
 
 
 def instruction(domain: str, task: str) -> str:
-    """What a task wants: the first sentence of the text of its function."""
+    """The goal of a task in a sentence, the first of its function's text."""
     found = find(domain)
     text = None if found is None else inspect.getdoc(found.load().SUITE[task])
     return (text or "").partition("\n")[0]

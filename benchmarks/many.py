@@ -1,0 +1,171 @@
+"""The time of a step of several tasks in one batch, beside a batch for each task.
+
+    python benchmarks/many.py [--quick] [--threads T] [--seconds S] [--json FILE]
+
+README.md describes the comparisons. Both sides must return the same rewards. The exit status is 1
+if a bar is missed. Run it on idle cores.
+"""
+
+import dataclasses
+import importlib
+import os
+import statistics
+import time
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import footprint
+import fresh
+import numpy as np
+import typer
+from report import Json, Quick, Row, at_least, at_most, finish, spread
+
+from limberjack import bench, gym
+from limberjack.rl.action_specs import bounds_to_try
+
+__all__ = ["Effort", "made", "main"]
+
+_SEED = 0
+_SPEED = at_least(0.95)  # of a batch for each task
+_SECONDS = at_most(4.5)  # of processor time to make it
+_MEGABYTES = at_most(750.0)
+_THREADS = at_most(8.0)  # more than those of one batch
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """The amount of work."""
+
+    tasks: str | list[str]  # a set, or a list
+    rows: int  # of each task
+    threads: int
+    seconds: float  # of the comparison
+    rounds: int  # at least
+    processes: int  # that make the batch
+
+
+_FULL = Effort("all", rows=8, threads=2, seconds=60.0, rounds=20, processes=3)
+# Only checks that the benchmark works; its figures are meaningless.
+_QUICK = Effort(["pendulum:swingup", "reacher:easy"], 2, 2, seconds=0.1, rounds=2, processes=1)
+
+
+def made(tasks: str | list[str], rows: int, threads: int) -> dict[str, float | None]:
+    """Processor seconds to make a batch, and what the process has then; call it in a fresh one.
+
+    Returns:
+      seconds; the peak of megabytes then, and after a step; and the threads more that this started.
+    """
+    load_vector = importlib.import_module("limberjack.gym").load_vector
+    before, began = _threads(), time.process_time()
+    envs = load_vector(tasks, rows=rows, num_threads=threads)
+    seconds, megabytes = time.process_time() - began, footprint.megabytes("VmHWM")
+    envs.reset(seed=_SEED)
+    envs.step(np.zeros(envs.action_space.shape))
+    return {
+        "seconds": seconds,
+        "megabytes": megabytes,
+        "after_a_step": footprint.megabytes("VmHWM"),
+        "threads": float(_threads() - before),
+    }
+
+
+def _threads() -> int:
+    return len(os.listdir("/proc/self/task"))
+
+
+class _Separate:
+    """A vector environment for each task, with as many threads each."""
+
+    def __init__(self, many: Any, effort: Effort) -> None:
+        self._tasks = many.tasks
+        self._envs = []
+        for task in many.tasks:
+            domain, _, name = task.name.partition(":")
+            how = {"flat": True, "num_threads": effort.threads}
+            envs = gym.load_vector(domain, name, effort.rows, **how)
+            envs.reset(seed=_SEED + task.rows.start)
+            self._envs.append(envs)
+
+    def step(self, actions: np.ndarray) -> np.ndarray:
+        """The rewards of all rows after a step of each environment."""
+        steps = [
+            envs.step(actions[task.rows, : task.action_size])
+            for task, envs in zip(self._tasks, self._envs, strict=True)
+        ]
+        return np.concatenate([step[1] for step in steps])
+
+
+def _speed(effort: Effort) -> Row:
+    many: Any = gym.load_vector(effort.tasks, rows=effort.rows, num_threads=effort.threads)
+    many.reset(seed=_SEED)
+    separate = _Separate(many, effort)
+    spec, random = many.batches[0].single_action_spec(), np.random.RandomState(_SEED)
+    low, high = bounds_to_try(spec)
+    last: dict[str, np.ndarray] = {}
+
+    def actions(steps: int) -> np.ndarray:
+        drawn = random.uniform(low, high, (steps, *many.action_space.shape))
+        return drawn.astype(np.float32).astype(float)  # rounded to the type of Gymnasium's actions
+
+    def noted(name: str, step: Callable[[np.ndarray], np.ndarray]) -> Callable[..., None]:
+        def play(given: np.ndarray) -> None:
+            last[name] = step(given)
+
+        return play
+
+    sides = {
+        "many": noted("many", lambda given: many.step(given)[1]),
+        "separate": noted("separate", separate.step),
+    }
+    players = {name: bench.player(step) for name, step in sides.items()}
+    taken = bench.take_turns(players, actions, effort.seconds, effort.rounds)
+    if not np.array_equal(last["many"], last["separate"]):
+        raise SystemExit("the rewards of both sides differ")
+    ratios = [b / a for a, b in zip(taken["many"], taken["separate"], strict=True)]
+    ours, theirs = (statistics.median(taken[name]) for name in ("many", "separate"))
+    return Row(
+        "speed of many / separate",
+        f"{len(many.tasks)} tasks, {effort.rows} rows each",
+        1e3 * ours,
+        1e3 * theirs,
+        "ms",
+        statistics.median(ratios),
+        bar=_SPEED,
+        details={"ratio": spread(ratios)},
+    )
+
+
+def _making(effort: Effort) -> list[Row]:
+    given = effort.tasks, effort.rows, effort.threads
+    found = [fresh.call("many", "made", *given) for _ in range(effort.processes)]
+    subject = f"{effort.rows} rows each"
+    rows = []
+    for name, bar, measure in (
+        ("seconds", _SECONDS, "processor seconds to make"),
+        ("megabytes", _MEGABYTES, "peak megabytes when made"),
+        ("after_a_step", None, "peak megabytes after a step"),
+        ("threads", _THREADS, "threads more"),
+    ):
+        values = [one[name] for one in found]
+        median = statistics.median(values)
+        rows.append(Row(measure, subject, median, None, "", median, bar=bar))
+    return rows
+
+
+def main(
+    quick: Quick = False,
+    threads: Annotated[int, typer.Option(min=1, help="Of both sides.")] = _FULL.threads,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Of the comparison.")] = _FULL.seconds,
+    json: Json = None,
+) -> None:
+    """Measure many tasks in one batch against a batch for each, and print whether bars are met."""
+    effort = _QUICK if quick else dataclasses.replace(_FULL, threads=threads, seconds=seconds)
+    typer.echo("measuring: making", err=True)
+    rows = _making(effort)
+    typer.echo("measuring: steps", err=True)
+    rows.append(_speed(effort))
+    finish(rows, "compared with", quick, json, dataclasses.asdict(effort))
+
+
+if __name__ == "__main__":
+    typer.run(main)
