@@ -13,7 +13,7 @@ footer of a file has the recipe: task, policy, versions; `dataset.json` lists al
 the extra `data`. Nothing in a dataset is executed when it is loaded.
 """
 
-from limberjack.episodes.collecting import collect
+from limberjack.episodes.collecting import collect, collect_set
 from limberjack.episodes.dataset import Batch, Dataset, Information, inform, load
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import film
@@ -28,6 +28,7 @@ __all__ = [
     "Kept",
     "Recipe",
     "collect",
+    "collect_set",
     "film",
     "inform",
     "load",

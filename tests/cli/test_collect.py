@@ -52,6 +52,31 @@ def test_the_figures_of_the_dataset_are_printed(tmp_path: Path) -> None:
     assert hashes(out) == hashes(tmp_path / "py")
 
 
+def test_a_set_has_a_dataset_for_each_task(tmp_path: Path) -> None:
+    options = ["--time-limit", "0.2", "--threads", "1", "--episodes", "2", "--out", str(tmp_path)]
+    result = invoke("collect", "--set", "pendulum:swingup,point_mass:easy", *options)
+    assert result.exit_code == 0, result.stderr
+    assert "pendulum swingup: 2 episodes" in result.stdout
+    assert "point_mass easy: 2 episodes" in result.stdout
+    assert len(load(tmp_path / "point_mass-easy")) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["pendulum", "swingup", "--set", "dmc28"], "got DOMAIN beside --set"),
+        (["--set", "dmc28", "--env", "mine:make"], "got --env beside --set"),
+        (["--set", "dmc27"], "no set of tasks 'dmc27'"),
+        (["--set", "pendulum:swing"], "'swing' does not exist in domain 'pendulum'"),
+    ],
+)
+def test_a_set_that_cannot_be_is_refused(options: list[str], message: str, tmp_path: Path) -> None:
+    result = invoke("collect", *options, "--out", str(tmp_path / "set"))
+    assert result.exit_code == 2
+    assert message in " ".join(result.stderr.split())
+    assert not (tmp_path / "set").exists()
+
+
 def test_the_options_choose_what_is_kept(tmp_path: Path) -> None:
     options = ["--seeds", "0:1", "--states", "--float32", "--flat", "--out", str(tmp_path)]
     assert invoke(*_PENDULUM, *options).exit_code == 0

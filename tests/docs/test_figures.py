@@ -117,6 +117,16 @@ def test_the_times_of_rows_are_those_that_were_measured(told: str, measure: str)
     assert f"| {told} | {' | '.join(cells)} |" in _text(_BATCHES)
 
 
+def test_the_figures_of_many_tasks_are_those_that_were_measured() -> None:
+    rows = json.loads((_RESULTS / "many.json").read_text(encoding="utf-8"))["rows"]
+    making, megabytes, _, _, speed = rows
+    text = " ".join(_text(_BATCHES).split())
+    assert f"take {speed['ours']:.1f} ms a step on two cores" in text
+    assert f"takes {speed['theirs']:.1f} ms." in text
+    made = f"made in {making['value']:.1f} s of processor time and {megabytes['value']:.0f} MB"
+    assert made in text
+
+
 def _messages() -> str:
     """All texts of the package, those that are made of parts joined as they are printed."""
     texts = []

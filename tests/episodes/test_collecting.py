@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from limberjack.data import Kept, collect, load
+from limberjack.data import Kept, collect, collect_set, load
 from limberjack.episodes.manifest import file_name
 from limberjack.episodes.player import Player
 from limberjack.mujoco.fingerprint import versions
@@ -375,6 +375,43 @@ def test_a_driver_whose_unfinished_file_is_removed_by_another_one_says_so(
     with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of the two"):
         _collect(tmp_path, range(130))
     assert hashes(tmp_path) == whole
+
+
+def test_a_set_of_tasks_has_the_dataset_of_each(tmp_path: Path) -> None:
+    tasks, how = ["pendulum:swingup", "point_mass:easy"], {"num_threads": 1, "time_limit": 0.2}
+    seen: list[int] = []
+    folders = collect_set(
+        tasks,
+        "random",
+        range(3),
+        out=tmp_path / "set",
+        on_progress=lambda what, finished, part: seen.append(finished),
+        **how,
+    )
+    assert [*folders] == [("pendulum", "swingup"), ("point_mass", "easy")]
+    for (domain, task), folder in folders.items():
+        assert folder == tmp_path / "set" / f"{domain}-{task}"
+        collect(domain, task, "random", range(3), out=tmp_path / task, **how)
+        assert hashes(folder) == hashes(tmp_path / task)
+    assert seen[-1] == 6
+    assert collect_set(tasks, "random", range(3), out=tmp_path / "set", **how) == folders
+
+
+@pytest.mark.parametrize(
+    ("tasks", "policy", "message"),
+    [
+        (["pendulum:swingup", "point_mass:esay"], "zero", "'esay' does not exist"),
+        ("dmc27", "zero", "no set of tasks 'dmc27'"),
+        (["pendulum:swingup", "finger:spin"], "mlp:{domain}.safetensors", "pendulum.safetensors"),
+        (["pendulum:swingup", "finger:spin"], {("pendulum", "swingup"): "zero"}, "finger spin"),
+    ],
+)
+def test_a_set_that_cannot_be_collected_plays_nothing(
+    tasks: Any, policy: Any, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises((ValueError, PolicyError), match=message):
+        collect_set(tasks, policy, range(2), out=tmp_path / "set")
+    assert not (tmp_path / "set").exists()
 
 
 def test_episodes_of_other_versions_are_not_continued(

@@ -1,5 +1,7 @@
 """Named sets of tasks."""
 
+from typing import Any
+
 import pytest
 
 from limberjack import suite
@@ -63,3 +65,33 @@ def test_tags_are_those_of_the_suite() -> None:
 def test_an_unknown_set_is_refused_with_a_close_name() -> None:
     with pytest.raises(ValueError, match=r"no set of tasks 'dmc-28'; .*Did you mean 'dmc28'\?"):
         sets.find("dmc-28")
+
+
+def test_names_pairs_and_sets_are_tasks() -> None:
+    expected = (("cheetah", "run"), ("walker", "walk"))
+    assert sets.tasks_of(["cheetah:run", "walker:walk"]) == expected
+    assert sets.tasks_of(expected) == expected
+    assert sets.tasks_of([*map(list, expected)]) == expected  # pyright: ignore[reportArgumentType]
+    assert sets.tasks_of("cheetah:run, walker:walk") == expected
+    assert sets.find(["cheetah:run", "walker:walk"]).name == "cheetah:run,walker:walk"
+    own = sets.TaskSet("own", expected, "this test")
+    assert sets.find(own) is own
+
+
+@pytest.mark.parametrize(
+    ("tasks", "error", "message"),
+    [
+        ("dmc27", ValueError, r"no set of tasks 'dmc27'.*Did you mean 'dmc28'"),
+        ("walker:walk,fish", ValueError, "a task is 'fish'"),
+        ([], ValueError, "the list of tasks is empty"),
+        (7, TypeError, "tasks are 7; expected"),
+        (["walker"], ValueError, "a task is 'walker'; expected a name such as 'walker:walk'"),
+        (["walker:walk:fast"], ValueError, "a task is 'walker:walk:fast'"),
+        ([("walker", 3)], ValueError, r"a task is \('walker', 3\)"),
+    ],
+)
+def test_what_is_no_list_of_tasks_is_refused(
+    tasks: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        sets.tasks_of(tasks)

@@ -6,35 +6,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.registry import sets
 from limberjack.suite import many
-
-
-def test_names_pairs_and_sets_are_tasks() -> None:
-    expected = (("cheetah", "run"), ("walker", "walk"))
-    assert many.named(["cheetah:run", "walker:walk"]) == expected
-    assert many.named(expected) == expected
-    assert many.named([*map(list, expected)]) == expected  # pyright: ignore[reportArgumentType]
-    assert many.named("dmc-sparse") == sets.tasks_of("dmc-sparse")
-    assert many.named("all") == suite.ALL_TASKS
-
-
-@pytest.mark.parametrize(
-    ("tasks", "error", "message"),
-    [
-        ("dmc27", ValueError, "no set of tasks 'dmc27'.*Did you mean 'dmc28'"),
-        ([], ValueError, "the list of tasks is empty"),
-        (7, TypeError, "tasks are 7; expected"),
-        (["walker"], ValueError, "a task is 'walker'; expected a name such as 'walker:walk'"),
-        (["walker:walk:fast"], ValueError, "a task is 'walker:walk:fast'"),
-        ([("walker", 3)], ValueError, r"a task is \('walker', 3\)"),
-    ],
-)
-def test_what_is_no_list_of_tasks_is_refused(
-    tasks: Any, error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error, match=message):
-        many.named(tasks)
 
 
 @pytest.mark.parametrize(

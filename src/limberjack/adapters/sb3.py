@@ -33,9 +33,9 @@ from dm_env import specs
 from limberjack import gym
 from limberjack.gym import arguments, attributes
 from limberjack.gym.observations import Info, Observations, action_space
+from limberjack.registry.sets import Tasks
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_contract import Batch
-from limberjack.suite.many import Tasks
 from limberjack.utils.requirements import missing_extra
 from limberjack.utils.seeds import checked_seed
 

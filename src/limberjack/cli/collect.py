@@ -3,7 +3,7 @@
 import enum
 import importlib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,6 +21,7 @@ from limberjack.cli.options import (
     Seeds,
     Shard,
     TaskName,
+    TaskSet,
     Threads,
     TimeLimit,
     Vectorised,
@@ -76,6 +77,7 @@ _FormatName = Annotated[
     "collect",
     "limberjack collect humanoid walk --policy random --seeds 0:640 --out walk",
     "limberjack collect stacker/stack_2 --policy planner --seeds 0:9 --out towers",
+    "limberjack collect --set dmc-sparse --policy random --out sparse",
 )
 def _collect(
     domain: OptionalDomain = None,
@@ -83,6 +85,7 @@ def _collect(
     *,
     out: RequiredOut,
     env: EnvironmentName = None,
+    task_set: TaskSet = None,
     policy: PolicyName = "zero",
     seeds: Seeds = None,
     episodes: Episodes = None,
@@ -103,10 +106,13 @@ def _collect(
     """Collect the episodes of a policy into Parquet files, in the folder episodes of DIR.
 
     Episode k is the first episode of an environment with the k-th seed. The same command gives the
-    same bytes; it continues a collection that was killed, and other seeds add to the folder.
+    same bytes; it continues a collection that was killed, and other seeds add to the folder. With
+    --set each task has a dataset of its own, in DIR/DOMAIN-TASK.
     """
     with misuse_reported():
-        where = named_environment(domain, task, env, time_limit)
+        if task_set is not None:
+            _check_alone(domain, env)
+        where = None if task_set else named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
     search_working_directory(policy)
@@ -119,32 +125,44 @@ def _collect(
         show_units() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):
+        from limberjack.registry.sets import tasks_of
         from limberjack.workers import shard_of
 
-        progress.begin(len(chosen if part is None else shard_of(chosen, *part)))
-        data.collect(
-            *where,
-            policy,
-            chosen,
-            out=out,
-            kept=data.Kept(states, float32, flat),
-            file_mb=file_mb,
-            time_limit=time_limit,
-            action_repeat=action_repeat,
-            num_threads=threads,
-            workers=workers,
-            ray=ray,
-            shard=part,
-            any_processor=any_processor,
-            vectorised=vectorised,
-            on_progress=progress.show,
-            on_state=progress.show_state,
-            command=command_line(),
-        )
+        number = 1 if task_set is None else len(tasks_of(task_set))
+        progress.begin(number * len(chosen if part is None else shard_of(chosen, *part)))
+        how: dict[str, Any] = {  # Any: of `collect`
+            "out": out,
+            "kept": data.Kept(states, float32, flat),
+            "file_mb": file_mb,
+            "time_limit": time_limit,
+            "action_repeat": action_repeat,
+            "num_threads": threads,
+            "workers": workers,
+            "ray": ray,
+            "shard": part,
+            "any_processor": any_processor,
+            "vectorised": vectorised,
+            "on_progress": progress.show,
+            "on_state": progress.show_state,
+            "command": command_line(),
+        }
+        folders = [out]
+        if where is not None:
+            data.collect(*where, policy, chosen, **how)
+        else:
+            folders = [*data.collect_set(task_set, policy, chosen, **how).values()]
     if part is not None:
         typer.echo(f"shard {shard} is complete in {out}")
         return
-    _finish(out, format)
+    for folder in folders:
+        _finish(folder, format)
+
+
+def _check_alone(domain: str | None, env: str | None) -> None:
+    """Raises ValueError if a task is given beside a set."""
+    given = [name for name, value in (("DOMAIN", domain), ("--env", env)) if value is not None]
+    if given:
+        raise ValueError(f"got {given[0]} beside --set, which names the tasks: leave it out")
 
 
 def _finish(out: Path, format: _Format) -> None:

@@ -17,6 +17,7 @@ from limberjack.cli.options import (
     Seeds,
     Shard,
     TaskName,
+    TaskSet,
     Threads,
     TimeLimit,
     Vectorised,
@@ -48,15 +49,6 @@ __all__: list[str] = []
 
 _EPISODES = 100  # by default
 
-_Set = Annotated[
-    str | None,
-    typer.Option(
-        "--set",
-        metavar="NAME",
-        help="In the place of DOMAIN TASK: a set of tasks, such as dmc28, with fixed seeds, "
-        "episodes and action repeat.",
-    ),
-]
 _Policies = Annotated[
     list[str] | None,
     typer.Option(
@@ -80,7 +72,7 @@ def _evaluate(
     domain: OptionalDomain = None,
     task: TaskName = None,
     env: EnvironmentName = None,
-    task_set: _Set = None,
+    task_set: TaskSet = None,
     policy: _Policies = None,
     seeds: Seeds = None,
     episodes: Episodes = None,
@@ -99,7 +91,8 @@ def _evaluate(
     Episode k is the first episode of an environment with the k-th seed. Zero and random actions
     are measured on the same seeds, and all of it for each kind of start.
 
-    With --out every episode is written as it ends, and the same command continues an evaluation
+    With --set, seeds, episodes and action repeat are those of a protocol with a version. With --out
+    every episode is written as it ends, and the same command continues an evaluation
     that was killed. The planner plays one episode per core, unless --threads is given.
     """
     names = policy or ["zero"]
@@ -184,7 +177,8 @@ def _evaluate_set(
         show_units() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):
-        from limberjack.evaluation.protocol import episodes_of, evaluate_set, policy_for
+        from limberjack.evaluation.protocol import episodes_of, evaluate_set
+        from limberjack.policies import policy_for
         from limberjack.registry.sets import tasks_of
 
         tasks = tasks_of(task_set)

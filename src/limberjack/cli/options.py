@@ -71,6 +71,15 @@ EnvironmentName = Annotated[
         "module may be in the working directory.",
     ),
 ]
+TaskSet = Annotated[
+    str | None,
+    typer.Option(
+        "--set",
+        metavar="NAME",
+        help="In the place of DOMAIN TASK: a set of tasks, such as dmc28, or a list, such as "
+        "walker:walk,fish:swim. In names of policies {domain} and {task} stand for each task's.",
+    ),
+]
 Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode.")]
 Seeds = Annotated[
     str | None,

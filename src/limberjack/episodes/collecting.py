@@ -19,9 +19,11 @@ import platform
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import dm_env
 
+from limberjack import policies, suite
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.folder import Folder, blocks, discard_other
 from limberjack.episodes.parquet import PYARROW, encode
@@ -29,13 +31,14 @@ from limberjack.episodes.player import OnEnded, Player
 from limberjack.episodes.playing import OnStep, Step
 from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
 from limberjack.policies import PolicyError
+from limberjack.registry.sets import Tasks, tasks_of
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, OnState, Scale
 from limberjack.workers.factories import Make
 from limberjack.workers.identity import advice_on, processor
 
-__all__ = ["collect", "collect_with"]
+__all__ = ["collect", "collect_set", "collect_with"]
 
 
 def collect(
@@ -105,6 +108,52 @@ def collect(
         collect_with(
             player, directory, kept, file_mb, shard=shard, on_progress=on_progress, command=command
         )
+
+
+def collect_set(
+    tasks: Tasks,
+    policy: object = "zero",
+    seeds: Iterable[int] = range(100),
+    *,
+    out: Path | str,
+    on_progress: OnProgress | None = None,
+    **kwargs: Any,  # of `collect`, which checks them
+) -> dict[tuple[str, str], Path]:
+    """Collects a dataset of each of several tasks; returns their folders, DIR/DOMAIN-TASK.
+
+    Args:
+      tasks: the name of a set, such as 'dmc28', or a list; see `limberjack.registry.sets.find`.
+      policy: for all tasks; in a name {domain} and {task} stand for those of each. A mapping has
+        one for each (domain, task).
+      seeds: of each task.
+      out: the folder of the datasets.
+      on_progress: called as by `collect`, with the number of episodes of all tasks.
+      kwargs: of `collect`.
+
+    Raises:
+      ValueError, PolicyError: there is no such set or task, or a task has no policy. Nothing was
+        played.
+      Exception: any that `collect` raises; the datasets of tasks before are complete.
+    """
+    pairs, wanted = tasks_of(tasks), checked_seeds(seeds)
+    chosen = {pair: policies.policy_for(policy, *pair) for pair in pairs}
+    for (domain, task), of_task in chosen.items():
+        with contextlib.closing(suite.load(domain, task)) as environment:
+            if of_task is None:
+                raise PolicyError(f"there is no policy for {domain} {task}")
+            policies.find(of_task, environment, num_threads=1)
+    folders = {}
+    for number, ((domain, task), of_task) in enumerate(chosen.items()):
+        before = number * len(wanted)
+
+        def show(what: str, finished: int, part: float = 0.0, before: int = before) -> None:
+            if on_progress is not None:
+                on_progress(what, before + finished, part)
+
+        folder = Path(out) / f"{domain}-{task}"
+        collect(domain, task, of_task, wanted, out=folder, on_progress=show, **kwargs)
+        folders[domain, task] = folder
+    return folders
 
 
 def collect_with(

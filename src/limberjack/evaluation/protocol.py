@@ -34,7 +34,7 @@ from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
 from limberjack.policies import PolicyError
 from limberjack.registry import sets
-from limberjack.registry.sets import TaskSet
+from limberjack.registry.sets import Tasks, TaskSet
 from limberjack.rl.control import Environment
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
@@ -46,7 +46,6 @@ __all__ = [
     "TaskScores",
     "episodes_of",
     "evaluate_set",
-    "policy_for",
 ]
 
 VERSION = 1  # of the protocol: it changes with any of the numbers below
@@ -145,7 +144,7 @@ class SetEvaluation:
 
 
 def evaluate_set(
-    task_set: str | TaskSet,
+    task_set: Tasks,
     runs: object,
     *,
     out: Path | str | None = None,
@@ -160,7 +159,7 @@ def evaluate_set(
     """The scores of one or more runs of an agent on all tasks of a set.
 
     Args:
-      task_set: its name, such as 'dmc28', or a set of your own.
+      task_set: its name, such as 'dmc28', or a list of tasks; see `registry.sets.find`.
       runs: one, or a list of several. A run is the name of a policy, in which {domain} and {task}
         stand for those of each task; a policy itself; or a dictionary of policies by
         (domain, task), which may lack tasks.
@@ -219,15 +218,15 @@ def evaluate_set(
     return result if directory is None else _written(result, directory)
 
 
-def episodes_of(task_set: str | TaskSet, runs: object) -> int:
+def episodes_of(task_set: Tasks, runs: object) -> int:
     """The number of episodes that `evaluate_set` reports progress of, baselines included."""
     chosen, given = _chosen(task_set, runs)
     return len(chosen.tasks) * _episodes(given)
 
 
-def _chosen(task_set: str | TaskSet, runs: object) -> tuple[TaskSet, list[object]]:
+def _chosen(task_set: Tasks, runs: object) -> tuple[TaskSet, list[object]]:
     """The set, and the runs as a list; raises ValueError if one of them is unknown or empty."""
-    chosen = sets.find(task_set) if isinstance(task_set, str) else task_set
+    chosen = sets.find(task_set)
     given = list(runs) if isinstance(runs, list | tuple) else [runs]
     if not given:
         raise ValueError("there are no runs; expected at least one policy")
@@ -263,15 +262,6 @@ def _name_of(run: object) -> str:
     return run if isinstance(run, str) else policies.find(run).name
 
 
-def policy_for(run: object, domain: str, task: str) -> object:
-    """The run's policy for a task, or its name; None if it has none."""
-    if isinstance(run, Mapping):
-        return run.get((domain, task))
-    if isinstance(run, str):
-        return run.replace("{domain}", domain).replace("{task}", task)
-    return run
-
-
 def _planned(
     task_set: TaskSet, runs: Sequence[object]
 ) -> tuple[dict[_Task, _Plan], dict[_Task, str]]:
@@ -296,7 +286,7 @@ def _planned(
 
 def _plan(environment: Environment, runs: Sequence[object], domain: str, task: str) -> _Plan:
     """The plan of a task; raises PolicyError if a run has no policy that fits."""
-    chosen = [policy_for(run, domain, task) for run in runs]
+    chosen = [policies.policy_for(run, domain, task) for run in runs]
     repeats: list[int | None] = []
     for run, policy in zip(runs, chosen, strict=True):
         if policy is None:

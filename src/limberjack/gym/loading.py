@@ -12,8 +12,8 @@ from limberjack import suite
 from limberjack.gym import arguments
 from limberjack.gym.many import ManyVectorEnv
 from limberjack.gym.vector import VectorEnv
+from limberjack.registry.sets import Tasks
 from limberjack.rl.guards import at_least_one
-from limberjack.suite.many import Tasks
 
 __all__ = ["load_vector"]
 

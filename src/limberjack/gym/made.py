@@ -30,9 +30,9 @@ from limberjack.gym import arguments
 from limberjack.gym.env import Env, check_steps, load
 from limberjack.gym.loading import load_vector
 from limberjack.gym.vector import VectorEnv
+from limberjack.registry.sets import Tasks
 from limberjack.rl.copies import difference
 from limberjack.rl.snapshot import Snapshot, as_snapshot
-from limberjack.suite.many import Tasks
 
 __all__ = ["make", "make_many", "make_vector", "restore", "spec_of"]
 

@@ -32,7 +32,7 @@ from limberjack.policies.kinds import ROWS, Act, Actor, Policy, PolicyError
 from limberjack.policies.learning import Learning, LearningCurve, known_tasks, learning_of
 from limberjack.policies.named import name_of
 from limberjack.policies.networks import PRETRAINED, Bundled, bundled
-from limberjack.policies.resolver import find
+from limberjack.policies.resolver import find, policy_for
 from limberjack.policies.saved import is_saved_model, runs_code
 
 __all__ = [
@@ -53,6 +53,7 @@ __all__ = [
     "learning_of",
     "name_of",
     "planner",
+    "policy_for",
     "random",
     "runs_code",
     "zero",

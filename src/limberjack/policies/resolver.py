@@ -1,4 +1,4 @@
-"""`find`: the policy that a name, or a Python object, stands for."""
+"""`find`: the policy that a name, or a Python object, stands for; `policy_for`: that of a task."""
 
 import inspect
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from limberjack.policies.named import actor_of, copied, instance_of, name_of, ta
 from limberjack.policies.saved import is_saved_model, saved_policy
 from limberjack.utils.sources import hash_of_module, hash_of_source
 
-__all__ = ["find"]
+__all__ = ["find", "policy_for"]
 
 
 def find(
@@ -50,3 +50,19 @@ def find(
     if is_shared:
         target = copied(policy, target)
     return actor_of(policy, hash_of_module(policy.partition(":")[0]), target)
+
+
+def policy_for(policies: object, domain: str, task: str) -> object:
+    """The policy of a task among those of a set of tasks; None if there is none.
+
+    Args:
+      policies: a name, in which {domain} and {task} stand for those of the task; a mapping of
+        policies by (domain, task); or one policy for all.
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+    """
+    if isinstance(policies, Mapping):
+        return policies.get((domain, task))
+    if isinstance(policies, str):
+        return policies.replace("{domain}", domain).replace("{task}", task)
+    return policies

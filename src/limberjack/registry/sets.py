@@ -1,20 +1,23 @@
-"""Sets of tasks by the names that papers give them.
+"""Sets of tasks: those of papers by their names, the suite's tags, and lists.
 
     from limberjack.registry import sets
 
     sets.tasks_of("dmc28")      # (('acrobot', 'swingup'), ('ball_in_cup', 'catch'), ...)
     sets.find("dmc28").source   # the code that defines it
+    sets.tasks_of(["cheetah:run", "walker:walk"])   # (('cheetah', 'run'), ('walker', 'walk'))
+    sets.tasks_of("cheetah:run,walker:walk")        # the same
 
 The sets of papers are fixed. Those of the suite's tags are its constants: `all` and `extra` have
 the tasks of registered domains too.
 """
 
 import dataclasses
+from collections.abc import Iterable, Sequence
 
 from limberjack.registry import TASKS, domains
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["TaskSet", "find", "names", "tasks_of"]
+__all__ = ["TaskSet", "Tasks", "find", "names", "tasks_of"]
 
 _Tasks = tuple[tuple[str, str], ...]
 
@@ -27,6 +30,9 @@ class TaskSet:
     tasks: _Tasks  # (domain, task) pairs
     source: str  # the code that defines the set
 
+
+# See `find`.
+Tasks = str | TaskSet | Sequence[str] | Sequence[tuple[str, str]]
 
 # The 21 tasks that papers call easy and medium.
 _EASY_AND_MEDIUM = (
@@ -93,28 +99,49 @@ def names() -> tuple[str, ...]:
     return tuple(one.name for one in _sets())
 
 
-def find(name: str) -> TaskSet:
-    """The set of a name.
+def find(tasks: Tasks) -> TaskSet:
+    """The set of a name, or of a list.
+
+    Args:
+      tasks: such as 'dmc28'; or a list of tasks such as 'walker:walk' or ('walker', 'walk'); or one
+        text with commas, 'cheetah:run,walker:walk'; or a set.
 
     Raises:
-      ValueError: there is no such set.
+      ValueError: there is no such set, the list is empty, or something is no name of a task.
+      TypeError: it is none of these.
     """
-    for one in _sets():
-        if one.name == name:
-            return one
-    raise ValueError(
-        f"no set of tasks {name!r}; expected one of {', '.join(names())}."
-        f"{did_you_mean(name, names())}"
-    )
+    if isinstance(tasks, TaskSet):
+        return tasks
+    if isinstance(tasks, str):
+        for one in _sets():
+            if one.name == tasks:
+                return one
+        if ":" not in tasks:
+            raise ValueError(
+                f"no set of tasks {tasks!r}; expected one of {', '.join(names())}, or tasks such "
+                f"as walker:walk,fish:swim.{did_you_mean(tasks, names())}"
+            )
+        tasks = tasks.split(",")
+    if not isinstance(tasks, Iterable):
+        raise TypeError(f"tasks are {tasks!r}; expected a list such as ['walker:walk']")
+    pairs = tuple(map(_pair, tasks))
+    if not pairs:
+        raise ValueError("the list of tasks is empty; expected names such as 'walker:walk'")
+    return TaskSet(",".join(map(":".join, pairs)), pairs, "a list")
 
 
-def tasks_of(name: str) -> _Tasks:
-    """The (domain, task) pairs of a set.
+def _pair(task: object) -> tuple[str, str]:
+    """Domain and task."""
+    pair = tuple(task.split(":")) if isinstance(task, str) else task
+    match pair:
+        case [str(domain), str(name)]:
+            return domain.strip(), name.strip()
+    raise ValueError(f"a task is {task!r}; expected a name such as 'walker:walk'")
 
-    Raises:
-      ValueError: there is no such set.
-    """
-    return find(name).tasks
+
+def tasks_of(tasks: Tasks) -> _Tasks:
+    """The (domain, task) pairs of a set or list; see `find`."""
+    return find(tasks).tasks
 
 
 def _sets() -> tuple[TaskSet, ...]:

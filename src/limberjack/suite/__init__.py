@@ -20,6 +20,7 @@ from typing import Any, Literal, overload
 import dm_env
 
 from limberjack import registry
+from limberjack.registry.sets import Tasks
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batch_contract import Batch
@@ -38,7 +39,6 @@ from limberjack.suite._registration import (
     require,
     unregister,
 )
-from limberjack.suite.many import Tasks
 from limberjack.utils.keywords import keywords
 from limberjack.utils.suggest import did_you_mean
 

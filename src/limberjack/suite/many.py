@@ -7,50 +7,22 @@ load(["cheetah:run", "walker:walk"], rows=8)
 import dataclasses
 import inspect
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from limberjack.registry import sets
+from limberjack.registry.sets import Tasks
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import at_least_one, first_seed
 from limberjack.rl.many import ManyTasks, TaskOfMany, threads_of_one
 from limberjack.suite._registration import find
 
-__all__ = ["LoadOne", "Tasks", "instruction", "load", "load_halves", "named"]
+__all__ = ["LoadOne", "instruction", "load", "load_halves"]
 
 # Any: of `suite.load_batch`, which checks them.
 LoadOne = Callable[..., Any]
-# The name of a set of tasks, or tasks such as 'walker:walk' or ('walker', 'walk').
-Tasks = str | Sequence[str] | Sequence[tuple[str, str]]
-
-
-def named(tasks: Tasks) -> tuple[tuple[str, str], ...]:
-    """The (domain, task) pairs of a set, or of a list of tasks.
-
-    Raises:
-      ValueError: there is no such set, or a name is not of a task, or the list is empty.
-      TypeError: it is neither a name nor a list.
-    """
-    if isinstance(tasks, str):
-        return sets.tasks_of(tasks)
-    if not isinstance(tasks, Iterable):
-        raise TypeError(
-            f"tasks are {tasks!r}; expected a list such as ['walker:walk', 'fish:swim']"
-        )
-    found = tuple(_pair(task) for task in tasks)
-    if not found:
-        raise ValueError("the list of tasks is empty; expected names such as 'walker:walk'")
-    return found
-
-
-def _pair(task: object) -> tuple[str, str]:
-    pair = task.split(":") if isinstance(task, str) else task
-    match pair:
-        case [str(domain), str(name)] | (str(domain), str(name)):
-            return domain, name
-    raise ValueError(f"a task is {task!r}; expected a name such as 'walker:walk'")
 
 
 def load(
@@ -66,7 +38,7 @@ def load(
 
     Args:
       load_one: `suite.load_batch`.
-      tasks: see `named`.
+      tasks: the name of a set, or a list; see `registry.sets.find`.
       rows: of each task; a number for all, or a list with one for each.
       num_envs: rows of all tasks together, in the place of `rows`.
       num_threads: of all tasks together; by default as many as there are cores, at most 8.
@@ -74,10 +46,10 @@ def load(
       kwargs: of `suite.load_batch`, for each task.
 
     Raises:
-      ValueError, TypeError: see `named` and `suite.load_batch`; or rows are not given once, or do
-        not fit the tasks.
+      ValueError, TypeError: see `registry.sets.find` and `suite.load_batch`; or rows are not given
+        once, or do not fit the tasks.
     """
-    chosen = named(tasks)
+    chosen = sets.tasks_of(tasks)
     counts = _counts(rows, num_envs, len(chosen))
     (many,) = _load(load_one, chosen, counts, [0, sum(counts)], num_threads, seed, kwargs)
     return many
@@ -97,7 +69,7 @@ def load_halves(
     Raises:
       ValueError, TypeError: see `load`; or there is only one row.
     """
-    chosen = named(tasks)
+    chosen = sets.tasks_of(tasks)
     counts = _counts(rows, num_envs, len(chosen))
     total = sum(counts)
     if total == 1:
