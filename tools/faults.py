@@ -38,6 +38,41 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    with _TURN.lock:\n", "    if True:\n"),
         ("_BYTES_OF_STATE = (624 + 1) * 4", "_BYTES_OF_STATE = 4"),
     ],
+    "rl/many.py": [
+        ("fifth = self.episode_length / 5", "fifth = self.episode_length / 6"),
+        (
+            "self.observation_mask, self.action_mask = (",
+            "self.action_mask, self.observation_mask = (",
+        ),
+        ("            array.flags.writeable = False\n", "            pass\n"),
+        ("own = given[rows, : task.action_size]", "own = given[rows, -task.action_size :]"),
+        ("diverged[rows] = part.diverged", "diverged[rows] |= False"),
+        ("(bad & self.action_mask).any(axis=1)", "bad.any(axis=1)"),
+        ("np.argsort(-self._seconds, kind=", "np.argsort(self._seconds, kind="),
+        (
+            "        except BaseException:\n            self.restart()\n            raise\n",
+            "        except ValueError:\n            raise\n",
+        ),
+        ("ended = last & self._are_whole", "ended = last"),
+        ("            values[first] = 0\n", "            pass\n"),
+        ("self.parts[number].restore(before, local)", "pass"),
+        (
+            "                self._present[number] = None\n            self._are",
+            "                pass\n            self._are",
+        ),
+        ("part.first_row = first + rows.start", "part.first_row = first"),
+        (
+            "                self._rows_with[name][rows] = True\n",
+            "                self._rows_with[name][:] = True\n",
+        ),
+    ],
+    "suite/many.py": [
+        ("own = first + max(start, low)", "own = first + start"),
+        ("size = min(stop, high) - max(start, low)", "size = stop - start"),
+    ],
+    "registry/sets.py": [
+        ('tasks = tasks.split(",")', "tasks = [tasks]"),
+    ],
     "rl/batch_contract.py": [
         ("return self._begins.copy()", "return self._begins"),
     ],

@@ -411,3 +411,26 @@ def test_another_bound_is_for_actions_without_limits_only(domain: str, bound: fl
     space = sb3.VecEnv(envs, action_bound=4.0).action_space
     assert (space.low == -bound).all()
     assert (space.high == bound).all()
+
+
+def test_several_tasks_are_one_vec_env_with_the_terms_of_each() -> None:
+    tasks = ["pendulum:swingup", "reacher:easy"]
+    envs = sb3.make_vec_env(tasks, num_envs=4, seed=3, time_limit=0.1)
+    assert envs.observation_space.shape == (6,)
+    assert envs.get_attr("task_ids")[0].tolist() == [0, 0, 1, 1]
+    seen = envs.reset()
+    alone = sb3.make_vec_env("reacher", "easy", 2, seed=5, time_limit=0.1)
+    np.testing.assert_array_equal(seen[2:], alone.reset())
+    actions = np.random.RandomState(0).uniform(-1, 1, (6, 4, 2)).astype(np.float32)
+    for given in actions:
+        seen, rewards, dones, infos = envs.step(given)
+        its, own_rewards, own_dones, own_infos = alone.step(given[2:])
+        np.testing.assert_array_equal(seen[2:], its)
+        np.testing.assert_array_equal(rewards[2:], own_rewards)
+        np.testing.assert_array_equal(dones[2:], own_dones)
+        for info, own in zip(infos[2:], own_infos, strict=True):
+            last, own_last = (one.pop("terminal_observation", None) for one in (info, own))
+            np.testing.assert_array_equal(last, own_last)
+            assert info == own
+    with pytest.raises(ValueError, match="num_envs is 3; expected a multiple of 2"):
+        sb3.make_vec_env(tasks, num_envs=3)

@@ -23,6 +23,7 @@ _LIMIT = 300  # seconds; Ray takes half a minute to start on a busy machine
 _NEEDS = {
     "batch": ((), ""),
     "gymnasium_vector": ((), ""),
+    "many_tasks": ((), ""),
     "planner_cost": ((), ""),
     "policy_gymnasium": ((), ""),
     "policy_sb3": (("stable_baselines3",), "sb3"),
@@ -71,6 +72,34 @@ def test_every_example_is_here_and_says_how_to_run_it() -> None:
         text = (_EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
         assert f"    python examples/{name}.py --steps " in text
         assert not extra or f"    {install_command(extra)}\n" in text
+
+
+# A file as dm_control's users write them, with a task that cannot take all rows at once.
+_FILE = """
+from dm_control.rl import control
+from dm_control.suite import pendulum
+
+@pendulum.SUITE.add("custom")
+def slow(time_limit=0.1, random=None, environment_kwargs=None):
+    physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+    return control.Environment(physics, Slow(random=random), time_limit, **environment_kwargs or {})
+
+class Slow(pendulum.SwingUp):
+    def get_reward(self, physics):
+        return 1.0 if abs(float(physics.angular_velocity()[0])) < 1 else 0.0
+"""
+
+
+def test_many_tasks(tmp_path: Path) -> None:
+    (tmp_path / "pendulum.py").write_text(_FILE)
+    tasks = "pendulum:slow,reacher:easy"
+    given = ["--tasks", tasks, "--rows", "2", "--steps", "12", "--files", str(tmp_path)]
+    printed = _output("many_tasks", *given)
+    assert "pendulum:slow is played in complete environments: the reward of task Slow" in printed
+    assert re.search(
+        r"^pendulum:slow +4 episodes, mean return +[0-5]\.\d\d$", printed, re.MULTILINE
+    )
+    assert re.search(r"^2 tasks: 48 steps, \d+ a second$", printed, re.MULTILINE)
 
 
 def test_batch() -> None:

@@ -240,6 +240,17 @@ def _diverging(many: ManyTasks) -> np.ndarray:
     return actions
 
 
+def test_messages_of_a_task_number_the_rows_of_the_whole(caplog: pytest.LogCaptureFixture) -> None:
+    many = _many()
+    many.first_row = 20
+    many.reset()
+    actions = np.zeros(many.action_mask.shape)
+    many.parts[1].physics.data.qvel[2] = 1e11  # pyright: ignore[reportAttributeAccessIssue]
+    many.step(actions)
+    assert "rows [24] diverged" in caplog.text
+    assert many.first_row == 20
+
+
 def test_rows_that_diverge_end_alone_and_are_named(caplog: pytest.LogCaptureFixture) -> None:
     many = _many()
     many.first_row = 20
@@ -415,6 +426,17 @@ def test_statistics_count_whole_episodes_by_task() -> None:
     for one in actions[:10]:
         many.step(one)
     assert many.statistics()["pendulum:swingup"].episodes == 1
+
+
+def test_each_episode_of_a_row_is_counted_by_itself() -> None:
+    many = _many()
+    many.reset()
+    rewards = []
+    for actions in _actions(many, 21):  # two episodes of ten, and a start between them
+        rewards.append(many.step(actions).reward[2:5])
+    found = many.statistics()["reacher:easy"]
+    assert (found.episodes, found.mean_length) == (6, 10)
+    assert found.mean_return == pytest.approx(np.sum(rewards) / 6, rel=1e-12)  # in another order
 
 
 def test_sums_of_statistics_are_those_of_all_episodes() -> None:

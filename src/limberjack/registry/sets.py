@@ -79,6 +79,43 @@ _SPARSE = (
     ("reacher", "hard"),
 )
 
+# The suite's tasks among the 30 of TD-MPC2, and those that files of its own add to the suite's
+# domains: examples/many_tasks.py loads them.
+_MT30 = (
+    ("walker", "stand"),
+    ("walker", "walk"),
+    ("walker", "run"),
+    ("cheetah", "run"),
+    ("reacher", "easy"),
+    ("reacher", "hard"),
+    ("acrobot", "swingup"),
+    ("pendulum", "swingup"),
+    ("cartpole", "balance"),
+    ("cartpole", "balance_sparse"),
+    ("cartpole", "swingup"),
+    ("cartpole", "swingup_sparse"),
+    ("ball_in_cup", "catch"),
+    ("finger", "spin"),
+    ("finger", "turn_easy"),
+    ("finger", "turn_hard"),
+    ("fish", "swim"),
+    ("hopper", "stand"),
+    ("hopper", "hop"),
+)
+_MORE_OF_MT30 = (
+    ("walker", "walk_backwards"),
+    ("walker", "run_backwards"),
+    ("cheetah", "run_backwards"),
+    ("cheetah", "run_front"),
+    ("cheetah", "run_back"),
+    ("cheetah", "jump"),
+    ("hopper", "hop_backwards"),
+    ("reacher", "three_easy"),
+    ("reacher", "three_hard"),
+    ("ball_in_cup", "spin"),
+    ("pendulum", "spin"),
+)
+
 _OF_THE_SUITE = tuple((row.domain, row.task) for row in TASKS)
 
 _SIMBAV2 = "scale_rl/envs/dmc.py in https://github.com/DAVIAN-Robotics/SimbaV2, commit 86899c2"
@@ -91,6 +128,12 @@ _SETS_OF_PAPERS = (
     ),
     TaskSet("dmc-hard", _HARD, f"DMC_HARD of {_SIMBAV2}"),
     TaskSet("dmc-sparse", _SPARSE, f"DMC_SPARSE of {_SIMBAV2}"),
+    TaskSet(
+        "mt30",
+        (*_MT30, *_MORE_OF_MT30),
+        "TASK_SET in tdmpc2/common/__init__.py of https://github.com/nicklashansen/tdmpc2, commit "
+        "e9f5932; its files in tdmpc2/envs/tasks add the last eleven to the domains",
+    ),
 )
 
 
