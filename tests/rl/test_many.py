@@ -74,6 +74,8 @@ def test_masks_sizes_and_facts_are_those_of_the_tasks() -> None:
     assert [task.rows for task in many.tasks] == [slice(0, 2), slice(2, 5), slice(5, 6)]
     assert [task.episode_length for task in many.tasks] == [10, 10, 7]
     assert [task.control_timestep for task in many.tasks] == [0.02, 0.02, 0.03]
+    assert [task.has_goal for task in many.tasks] == [True, True, False]
+    assert [task.has_goal for task in _mixed().tasks] == [True, False, False]
     assert many.tasks[1].instruction == "Reach a target with a radius of 5 cm."
     assert math.isnan(many.control_timestep())
     observation = many.reset().observation
@@ -89,7 +91,7 @@ def test_masks_sizes_and_facts_are_those_of_the_tasks() -> None:
 )
 def test_the_discount_follows_the_length(steps: float, discount: float) -> None:
     spec = specs.BoundedArray((1,), float, -1, 1)
-    task = TaskOfMany("a:b", slice(0, 1), 1, 1, spec, steps, 0.02, 1, "")
+    task = TaskOfMany("a:b", slice(0, 1), 1, 1, spec, steps, 0.02, 1, False, "")
     assert task.discount == pytest.approx(discount, rel=1e-12)  # of exact decimals
 
 

@@ -2,6 +2,7 @@
 
 import enum
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -116,46 +117,74 @@ def _collect(
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
     search_working_directory(policy)
-    with reading_reported("collect"):
-        data = importlib.import_module("limberjack.data")
-        if format is _Format.MINARI:
-            importlib.import_module("limberjack.episodes.to_minari")  # for its extra
+    _check_extras(format)
     with (
         remarks_reported(),
         show_units() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):
-        from limberjack.registry.sets import tasks_of
-        from limberjack.workers import shard_of
-
-        number = 1 if task_set is None else len(tasks_of(task_set))
-        progress.begin(number * len(chosen if part is None else shard_of(chosen, *part)))
-        how: dict[str, Any] = {  # Any: of `collect`
-            "out": out,
-            "kept": data.Kept(states, float32, flat),
-            "file_mb": file_mb,
-            "time_limit": time_limit,
-            "action_repeat": action_repeat,
-            "num_threads": threads,
-            "workers": workers,
-            "ray": ray,
-            "shard": part,
-            "any_processor": any_processor,
-            "vectorised": vectorised,
-            "on_progress": progress.show,
-            "on_state": progress.show_state,
-            "command": command_line(),
-        }
-        folders = [out]
-        if where is not None:
-            data.collect(*where, policy, chosen, **how)
-        else:
-            folders = [*data.collect_set(task_set, policy, chosen, **how).values()]
+        progress.begin(_count(task_set, chosen, part))
+        folders = _play(
+            where,
+            task_set,
+            policy,
+            chosen,
+            out=out,
+            keep=(states, float32, flat),
+            file_mb=file_mb,
+            time_limit=time_limit,
+            action_repeat=action_repeat,
+            num_threads=threads,
+            workers=workers,
+            ray=ray,
+            shard=part,
+            any_processor=any_processor,
+            vectorised=vectorised,
+            on_progress=progress.show,
+            on_state=progress.show_state,
+            command=command_line(),
+        )
     if part is not None:
         typer.echo(f"shard {shard} is complete in {out}")
         return
     for folder in folders:
         _finish(folder, format)
+
+
+def _check_extras(format: _Format) -> None:
+    """Reports a missing extra before anything is played."""
+    with reading_reported("collect"):
+        importlib.import_module("limberjack.data")
+        if format is _Format.MINARI:
+            importlib.import_module("limberjack.episodes.to_minari")
+
+
+def _count(task_set: str | None, seeds: Sequence[int], part: tuple[int, int] | None) -> int:
+    """The number of episodes of all tasks."""
+    from limberjack.registry.sets import tasks_of
+    from limberjack.workers import shard_of
+
+    of_one = len(seeds if part is None else shard_of(seeds, *part))
+    return of_one if task_set is None else of_one * len(tasks_of(task_set))
+
+
+def _play(
+    where: tuple[Any, str | None] | None,  # Any: the name of a domain, or a function
+    task_set: str | None,
+    policy: str,
+    seeds: Sequence[int],
+    keep: tuple[bool, bool, bool],
+    **kwargs: Any,  # of `collect`
+) -> list[Path]:
+    """Collects the dataset of a task, or of each task of a set; returns their folders."""
+    from limberjack import data
+
+    kwargs["kept"] = data.Kept(*keep)
+    if task_set is not None:
+        return [*data.collect_set(task_set, policy, seeds, **kwargs).values()]
+    assert where is not None
+    data.collect(*where, policy, seeds, **kwargs)
+    return [kwargs["out"]]
 
 
 def _check_alone(domain: str | None, env: str | None) -> None:

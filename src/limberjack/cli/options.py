@@ -30,6 +30,7 @@ __all__ = [
     "Seeds",
     "Shard",
     "TaskName",
+    "TaskSet",
     "Threads",
     "TimeLimit",
     "Vectorised",

@@ -36,6 +36,7 @@ from dm_env import specs
 from limberjack.rl import guards
 from limberjack.rl.action_specs import as_numbers, not_finite
 from limberjack.rl.batch_contract import Batch, RowNumbers
+from limberjack.rl.copies import control_of
 from limberjack.rl.represented import Description
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 from limberjack.rl.threads import RowThreads, interrupts
@@ -82,6 +83,7 @@ class TaskOfMany:
       episode_length: actions of an episode; infinite without a limit.
       control_timestep: seconds between two control steps; NaN if the task does not say it.
       action_repeat: control steps per action.
+      has_goal: whether steps of the task say if they reached a goal; see `Batch.success`.
       instruction: a sentence that says what is wanted, as the task's function has it.
     """
 
@@ -93,6 +95,7 @@ class TaskOfMany:
     episode_length: float
     control_timestep: float
     action_repeat: int
+    has_goal: bool
     instruction: str
 
     @classmethod
@@ -111,6 +114,7 @@ class TaskOfMany:
             else math.inf,
             batch.control_timestep(),
             batch.action_repeat,
+            bool(getattr(_task_of(batch), "GOAL", ())),
             instruction or f"{batch.name.replace(':', ' ').replace('_', ' ')}.",
         )
 
@@ -698,6 +702,12 @@ def _checked(batches: Sequence[Batch]) -> Sequence[Batch]:
     if len({*repeats.values()}) > 1:
         raise ValueError(f"the tasks repeat actions differently: {repeats}; give one action_repeat")
     return batches
+
+
+def _task_of(batch: Batch) -> object:
+    """The task of a batch of either kind; None for environments that have none."""
+    environments = getattr(batch, "environments", None)
+    return getattr(control_of(environments[0]) if environments else batch, "task", None)
 
 
 def _find(tasks: Sequence[TaskOfMany], name: str) -> int:
