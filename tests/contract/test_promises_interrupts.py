@@ -215,3 +215,32 @@ def test_ctrl_c_is_answered_within_a_second(what: str) -> None:
     assert seconds < 1.0
     env.physics.model.geom_margin[:] = margins
     assert replayed(env) == replayed(load(("stacker", "stack_4")))
+
+
+@pytest.mark.parametrize("method", ["step", "reset", "restore"])
+def test_many_tasks_are_whole_after_an_interrupt_anywhere(method: str) -> None:
+    tasks = ["pendulum:swingup", "lqr:lqr_2_1"]
+    many = suite.load_batch(tasks, rows=2, num_threads=1, seed=3)
+    given = np.random.RandomState(0).uniform(-1, 1, (2, *many.action_mask.shape))
+    seeds = range(3, 7)
+
+    def played() -> list[Any]:
+        many.reset(seeds=seeds)
+        return [many.step(one) for one in given]
+
+    expected = played()
+    snapshot = many.snapshot()
+    calls: dict[str, Callable[[], Any]] = {
+        "step": lambda: many.step(given[0]),
+        "reset": lambda: many.reset(seeds=seeds),
+        "restore": lambda: many.restore(snapshot),
+    }
+    for place in places(calls[method])[:: _EVERY // 3]:
+        many.reset(seeds=seeds)
+        interrupted(calls[method], place)
+        many.step(given[1])  # whatever rows do that were interrupted
+        for found, one in zip(played(), expected, strict=True):
+            np.testing.assert_array_equal(found.step_type, one.step_type)
+            np.testing.assert_array_equal(found.reward, one.reward)
+            for name, values in one.observation.items():
+                np.testing.assert_array_equal(found.observation[name], values)
