@@ -4,7 +4,7 @@ import pytest
 
 from limberjack import policies
 from limberjack.policies import known_tasks, learning_of
-from limberjack.training import TABLE
+from limberjack.training import settings_for
 
 
 def test_each_bundled_policy_has_curves() -> None:
@@ -21,7 +21,7 @@ def test_curves_begin_with_no_steps_and_end_with_those_of_the_settings(
     assert len(known.runs) >= 3
     for run in known.runs:
         assert run.name.startswith("reference run, seed ")
-        assert (run.steps[0], run.steps[-1]) == (0, TABLE[domain].steps)
+        assert (run.steps[0], run.steps[-1]) == (0, settings_for(domain, task).steps)
         assert len(run.steps) == len(run.seconds) == len(run.returns) == 21
         assert (run.steps[1:] > run.steps[:-1]).all()
         assert (run.seconds[1:] > run.seconds[:-1]).all()
