@@ -380,13 +380,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "first, end = k * episodes // n, (k + 1) * episodes // n",
             "first, end = k * (episodes // n), (k + 1) * (episodes // n)",
         ),
-        ("if size == file.nbytes", "if size >= file.nbytes"),
-        ("    if gaps and not allow_gaps:\n", "    if False:\n"),
         (
             "if listed is not None and sha256_of(shard.path) != listed.sha256:",
             "if listed is not None and sha256_of(shard.path) == '':",
         ),
-        ("if extra and not allow_gaps:", "if len(extra) > 1 and not allow_gaps:"),
     ],
     "episodes/figures.py": [
         ('ours["mean"] + gap * (count / total)', 'ours["mean"] + gap * (before / total)'),
@@ -397,6 +394,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("wanted = united([*before, *self._wanted,", "wanted = united([*self._wanted,"),
         ("if seed in self._part_of or _range_with(seed, self._there) is not None:", "if False:"),
         ("            if _meets(seeds, mine):\n", "            if _is_within(seeds, mine):\n"),
+    ],
+    "episodes/loading.py": [
+        ("if size == file.nbytes", "if size >= file.nbytes"),
+        ("    if gaps and not allow_gaps:\n", "    if False:\n"),
+        ("if extra and not allow_gaps:", "if len(extra) > 1 and not allow_gaps:"),
     ],
     "episodes/manifest.py": [
         ('if entry.get("name") != file_name(seeds):', "if False:"),

@@ -14,9 +14,12 @@ the extra `data`. Nothing in a dataset is executed when it is loaded.
 """
 
 from limberjack.episodes.collecting import collect, collect_set
-from limberjack.episodes.dataset import Batch, Dataset, Information, inform, load
+from limberjack.episodes.column_statistics import Spread, Statistics
+from limberjack.episodes.dataset import Dataset, Information, inform
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import film
+from limberjack.episodes.loading import load
+from limberjack.episodes.reading import Batch, Windows
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.replaying import replay
 
@@ -27,6 +30,9 @@ __all__ = [
     "Information",
     "Kept",
     "Recipe",
+    "Spread",
+    "Statistics",
+    "Windows",
     "collect",
     "collect_set",
     "film",

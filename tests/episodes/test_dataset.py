@@ -1,20 +1,18 @@
 """Datasets as episodes, as batches of transitions, and as figures."""
 
 import dataclasses
-import hashlib
 import json
-import os
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from limberjack.data import Batch, Dataset, collect, inform, load, replay
-from limberjack.episodes.parquet import Shard, encode
+from limberjack.data import Batch, Dataset, inform, load, replay
+from limberjack.episodes.parquet import Shard
 
-from .collected import PENDULUM, assert_equal, copy, hashes, made, put
+from .collected import assert_equal, copy, hashes
 
 _FORMAT_1 = Path(__file__).parent / "format1"
 
@@ -76,9 +74,9 @@ def test_files_are_read_when_they_are_needed(
     opened: list[Path] = []
     read = Shard.opened
 
-    def counting(shard: Shard) -> object:
+    def counting(shard: Shard, *of: Sequence[str]) -> object:
         opened.append(shard.path)
-        return read(shard)
+        return read(shard, *of)
 
     monkeypatch.setattr(Shard, "opened", counting)
     dataset = load(pendulums.shards[0].path.parents[1])
@@ -121,163 +119,139 @@ def test_a_batch_has_at_least_one_transition(size: int, pendulums: Dataset) -> N
         next(pendulums.batches(size))
 
 
-def test_a_folder_without_a_dataset_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="has no complete file of a dataset"):
-        load(tmp_path)
-    with pytest.raises(ValueError, match="is no folder; expected one that"):
-        load(tmp_path / "missing")
+def test_an_episode_is_found_by_its_number(pendulums: Dataset) -> None:
+    assert_equal(pendulums[3], pendulums.episode(3))
+    assert_equal(pendulums[-1], pendulums.episode(69))
+    part = pendulums.part(1, 4)
+    assert_equal(part[0], pendulums.episode(17))
+    for index in (70, -71):
+        with pytest.raises(IndexError, match=f"index {index} is out of range; there are 70 epi"):
+            pendulums[index]
 
 
-@pytest.fixture
-def folder(pendulums: Dataset, tmp_path: Path) -> Path:
-    """A copy of a dataset of two files, of seeds 0 to 63 and 64 to 69."""
-    return copy(pendulums.shards[0].path.parents[1], tmp_path / "copy")
-
-
-_FIRST, _SECOND = "seeds-0000000000-0000000064.parquet", "seeds-0000000064-0000000070.parquet"
-
-
-def _remove(episodes: Path) -> None:
-    (episodes / _FIRST).unlink()
-
-
-def _shorten(episodes: Path) -> None:
-    (episodes / _FIRST).write_bytes((episodes / _FIRST).read_bytes()[:-1])
-
-
-def _lengthen(episodes: Path) -> None:
-    (episodes / _FIRST).write_bytes((episodes / _FIRST).read_bytes() + b"1")
-
-
-def _add(episodes: Path) -> None:
-    recipe, more = made(PENDULUM, range(70, 72))
-    recipe = dataclasses.replace(recipe, file_mb=Shard(episodes / _FIRST).recipe.file_mb)
-    put(episodes.parent, "seeds-0000000070-0000000072.parquet", encode(recipe, more))
+def test_transitions_are_found_by_their_numbers(
+    pendulums: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = pendulums.select(discount=0.9, n_step=3)
+    whole = next(dataset.batches(700))
+    order = np.random.default_rng(0).permutation(700)[:200]
+    order = np.concatenate([order, order[:5], [699, 0]])
+    for indices in (order, order - 700, order.astype(np.uint16)):
+        found = dataset.transitions(indices)
+        for field in dataclasses.fields(Batch):
+            ours, theirs = getattr(found, field.name), getattr(whole, field.name)
+            if isinstance(ours, dict):
+                for name in ours:
+                    np.testing.assert_array_equal(ours[name], theirs[name][order])
+            else:
+                np.testing.assert_array_equal(ours, theirs[order])
+    part = pendulums.part(1, 4)
+    np.testing.assert_array_equal(part.transitions([0, -1]).actions, whole.actions[[170, 349]])
+    monkeypatch.setattr(Shard, "opened", None)  # they are in memory now
+    assert len(dataset.transitions(list(order[:3]))) == 3
 
 
 @pytest.mark.parametrize(
-    ("change", "message", "episodes", "gaps"),
+    ("indices", "error", "message"),
     [
-        (_remove, f"{_FIRST} is missing, which dataset.json lists", 6, range(64)),
-        (_shorten, rf"{_FIRST} has \d+ bytes, and \d+ in dataset.json", 6, range(64)),
-        (_lengthen, rf"{_FIRST} has \d+ bytes, and \d+ in dataset.json", 6, range(64)),
-        (_add, r"seeds-0000000070-0000000072.parquet is not listed in dataset.json", 72, []),
+        ([0, 700], IndexError, "index 700 is out of range; there are 700 transitions"),
+        ([-701], IndexError, "index -701 is out of range; there are 700 transitions"),
+        ([0.5], TypeError, "indices are float64; expected whole numbers"),
+        ([True], TypeError, "indices are bool; expected whole numbers"),
+        ([], ValueError, r"indices have shape \(0,\); expected \(N,\), at least one"),
+        (5, ValueError, r"indices have shape \(\); expected \(N,\), at least one"),
     ],
 )
-def test_a_gap_or_another_file_is_refused_or_listed(
-    change: Callable[[Path], None], message: str, episodes: int, gaps: range, folder: Path
+def test_other_numbers_of_transitions_are_refused(
+    indices: list[int], error: type[Exception], message: str, pendulums: Dataset
 ) -> None:
-    change(folder / "episodes")
-    with pytest.raises(ValueError, match=message) as caught:
-        load(folder)
-    assert "the call that collected it" in str(caught.value)
-    dataset = load(folder, allow_gaps=True)
-    assert len(dataset) == len(list(dataset)) == episodes
-    assert dataset.gaps == list(gaps)
+    with pytest.raises(error, match=message):
+        pendulums.transitions(indices)
 
 
-def test_the_command_that_finishes_a_dataset_is_named(folder: Path) -> None:
-    (folder / "dataset.json").unlink()
-    call = {"began": "now", "command": "limberjack collect a b --shard 2/3 --out c"}
-    (folder / "run.json").write_text(json.dumps({"calls": [call]}))
-    message = r"has no dataset.json yet: .* repeat `limberjack collect a b --out c`; load"
-    with pytest.raises(ValueError, match=message):
-        load(folder)
-    dataset = load(folder, allow_gaps=True)
-    assert (len(dataset), dataset.gaps) == (70, [])
-    assert dataset.sha256() == hashes(folder)
-    call["command"] = "x" * 10_000
-    (folder / "run.json").write_text(json.dumps({"calls": [call]}))
-    with pytest.raises(ValueError, match="repeat the call that collected it"):
-        load(folder)
+def test_windows_have_the_steps_of_their_episodes(pendulums: Dataset) -> None:
+    episodes = list(pendulums)
+    for windows in pendulums.windows(4, stride=2, pad=(1, 2), size=30):
+        for number, (seed, first) in enumerate(zip(windows.seeds, windows.steps, strict=True)):
+            episode = episodes[seed]
+            steps = np.arange(first, first + 4)[windows.mask[number]]
+            actions = windows.actions[number][windows.mask[number]]
+            np.testing.assert_array_equal(actions, episode.actions[steps])
 
 
-def test_a_manifest_of_other_seeds_or_rows_than_the_files_is_refused(folder: Path) -> None:
-    path = folder / "dataset.json"
-    text = path.read_text()
-    path.write_text(text.replace('"rows": 704', '"rows": 703'))
-    for allow_gaps in (False, True):
-        with pytest.raises(ValueError, match=f"{_FIRST} is not the file that dataset.json lists"):
-            load(folder, allow_gaps=allow_gaps)
-    path.write_text(text.replace('"policy": "random"', '"policy": "zero"'))
-    with pytest.raises(ValueError, match="whose policy is 'random' and 'zero': remove it"):
-        load(folder)
-    path.write_text(text.replace("[0, 70]", "[0, 80]"))
-    with pytest.raises(ValueError, match="lists no file with the episode of seed 70: repeat"):
-        load(folder)
-    assert load(folder, allow_gaps=True).gaps == list(range(70, 80))
-
-
-def test_an_episode_in_two_files_is_refused(folder: Path) -> None:
-    recipe, more = made(PENDULUM, range(69, 71))
-    recipe = dataclasses.replace(recipe, file_mb=Shard(folder / "episodes" / _FIRST).recipe.file_mb)
-    put(folder, "seeds-0000000069-0000000071.parquet", encode(recipe, more))
-    with pytest.raises(ValueError, match="both have the episode of seed 69: remove one"):
-        load(folder, allow_gaps=True)
-
-
-@pytest.mark.parametrize("name", ["mine.txt", ".hidden", "seeds-0000000070-0000000072.part"])
-def test_a_file_of_something_else_is_refused(name: str, folder: Path) -> None:
-    (folder / "episodes" / name).write_text("mine")
-    with pytest.raises(ValueError, match=f"{re.escape(name)} is not listed in dataset.json"):
-        load(folder)
-    assert len(load(folder, allow_gaps=True)) == 70
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
-@pytest.mark.parametrize("name", ["dataset.json", f"episodes/{_FIRST}", "episodes/a.parquet"])
-def test_a_pipe_in_the_place_of_a_file_is_refused_at_once(name: str, folder: Path) -> None:
-    (folder / name).unlink(missing_ok=True)
-    os.mkfifo(folder / name)
-    message = f"{Path(name).name} (is a pipe|is not listed|has 0 bytes)"
-    with pytest.raises(ValueError, match=message):
-        load(folder)
-
-
-def test_a_dataset_of_format_1_is_read(tmp_path: Path) -> None:
-    dataset = load(_FORMAT_1)
-    assert (dataset.recipe.format, dataset.seeds, dataset.steps) == (1, [63, 64], 10)
-    episode = dataset.episode(64)
-    assert episode.start in ("level_0", "level_1", "level_2")
-    assert np.isfinite(episode.actions).all()
-    assert episode.actions.shape == (5, 5)
-    assert episode.truncated.tolist() == [False] * 4 + [True]
-    assert [part.seeds for part in (dataset.part(0, 2), dataset.part(1, 2))] == [[63], [64]]
-    information = inform(dataset, verify=True)
-    assert information.files == {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(_FORMAT_1.glob("*.parquet"))
-    }
-    assert sum(map(len, dataset.batches(4))) == 10
-
-
-def test_a_dataset_of_format_1_is_replayed() -> None:
-    # Other versions of MuJoCo and other processors may give other last bits.
-    difference = replay(load(_FORMAT_1), num_threads=1)
-    gap = re.search(r"differs by up to ([-+.e\d]+)", difference or "differs by up to 0.")
-    assert gap is not None, difference
-    assert float(gap[1].rstrip(".")) < 1e-9
-
-
-def test_nothing_is_added_to_a_dataset_of_format_1(tmp_path: Path) -> None:
-    folder = copy(_FORMAT_1, tmp_path / "old")
-    before = sorted(folder.iterdir())
-    with pytest.raises(ValueError, match="a dataset of format 1, to which nothing can be added"):
-        collect("stacker", "stack_2", "random", range(63, 66), out=folder, time_limit=0.05)
-    assert sorted(folder.iterdir()) == before
-
-
-@pytest.mark.parametrize("old", [True, False])
-def test_a_file_in_a_folder_of_another_format_is_refused(
-    old: bool, pendulums: Dataset, tmp_path: Path
+@pytest.mark.parametrize("seed", [None, 0])
+@pytest.mark.parametrize(
+    ("form", "each"),
+    [((10,), 1), ((3,), 8), ((3, 3), 3), ((4, 1, (3, 3)), 13), ((12, 1, (1, 1)), 1)],
+)
+def test_every_window_comes_once(
+    form: tuple[Any, ...], each: int, seed: int | None, pendulums: Dataset
 ) -> None:
-    source = pendulums.shards[0].path if old else next(_FORMAT_1.glob("*.parquet"))
-    if old:
-        (tmp_path / source.name).write_bytes(source.read_bytes())
-    else:
-        put(tmp_path, source.name, source.read_bytes())
-    with pytest.raises(ValueError, match=f"has format {2 if old else 1}, unlike its folder"):
-        load(tmp_path, allow_gaps=True)
+    assert pendulums.count_windows(*form) == 70 * each
+    found = list(pendulums.windows(*form, size=64, seed=seed, buffer=0 if seed is None else 100))
+    assert [len(windows) for windows in found[:-1]] == [64] * (len(found) - 1)
+    keys = [key for windows in found for key in zip(windows.seeds, windows.steps, strict=True)]
+    assert len(set(keys)) == len(keys) == 70 * each
+    assert (keys == sorted(keys)) is (seed is None)
+
+
+def test_chosen_observations_alone_are_read(arms: Dataset) -> None:
+    name = next(iter(arms[0].observations))
+    chosen = arms.select([name], float32=True)
+    batch = next(chosen.batches(10))
+    assert list(batch.observations) == list(batch.next_observations) == [name]
+    assert batch.observations[name].dtype == batch.actions.dtype == np.float32
+    assert list(next(chosen.windows(2)).observations) == [name]
+    assert list(chosen.transitions([0]).observations) == [name]
+    assert list(chosen.statistics().observations) == [name]
+    assert list(chosen.part(0, 2).transitions([0]).observations) == [name]
+    assert chosen.seeds == arms.seeds
+    assert_equal(chosen[0], arms[0])  # episodes are whole
+    assert len(chosen.select().transitions([0]).observations) == len(arms[0].observations)
+
+
+def test_statistics_are_computed_once(pendulums: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    part = pendulums.part(0, 2)
+    found = part.statistics()
+    assert found.rewards.count == 350
+    monkeypatch.setattr(Shard, "opened", None)
+    assert part.statistics() is found
+
+
+def _select(**choices: object) -> Callable[[Dataset], object]:
+    return lambda dataset: dataset.select(**choices)  # pyright: ignore[reportArgumentType]
+
+
+def _windows(*form: object) -> Callable[[Dataset], object]:
+    return lambda dataset: dataset.windows(*form)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (_select(observations=["velocitie"]), "column 'velocitie'; .* Did you mean 'velocity'?"),
+        (_select(observations=[]), "observations is empty; choose from orientation, velocity"),
+        (_select(discount=1.5), "discount is 1.5; expected a number from 0 to 1"),
+        (_select(n_step=0, discount=1.0), "n_step is 0; expected a whole number of at least 1"),
+        (_select(n_step=3), "n_step is 3, and there is no discount; give 1.0 for sums"),
+        (_windows(11), "length is 11; expected at most 10, the steps of the longest episode$"),
+        (_windows(14, 1, (1, 2)), "expected at most 13, the .* longest episode and its padding$"),
+        (_windows(0), "length is 0; expected a whole number of at least 1"),
+        (_windows(3, -1), "stride is -1; expected a whole number of at least 1"),
+        (_windows(3, 1, (0, 3)), r"pad is \(0, 3\); .* whole numbers from 0 to 2, less than the"),
+        (_windows(3, 1, (-1, 0)), r"pad is \(-1, 0\); expected steps before and after"),
+        (_windows(3, 1, 2), "pad is 2; expected steps before and after"),
+        (_windows(3, 1, (1, 1, 1)), r"pad is \(1, 1, 1\); expected steps before and after"),
+        (lambda dataset: dataset.windows(3, size=0), "size is 0; expected a whole number"),
+        (lambda dataset: dataset.batches(3, buffer=5), "buffer is 5, and there is no seed"),
+        (lambda dataset: dataset.batches(3, seed=0, buffer=-1), "buffer is -1; expected a whole"),
+    ],
+)
+def test_bad_arguments_are_refused_at_once(
+    call: Callable[[Dataset], object], message: str, pendulums: Dataset
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(pendulums)
 
 
 def test_damaged_data_is_an_error_that_names_the_file(damaged: Path) -> None:

@@ -1,176 +1,54 @@
-"""`load`: the episodes and transitions of a collected dataset, as arrays that are read on demand.
+"""`Dataset`: the episodes and transitions of a collection, as arrays that are read on demand.
 
-    dataset = load("data")                          # every file that its manifest lists is there
+    dataset = load("data")                          # see `loading`
     for episode in dataset:                         # in the order of the seeds
         print(episode.seed, episode.total)
     for batch in dataset.batches(256, seed=0):      # shuffled; None for the recorded order
         learn(batch.observations["joint_angles"], batch.actions, batch.rewards)
+    for windows in dataset.windows(16, stride=8, pad=(0, 15)):
+        learn(windows.observations["joint_angles"], windows.actions, windows.mask)
+    dataset[3], dataset.transitions([5, 17])        # an episode, and a batch, by number
+    dataset.statistics().actions.std                # of each number; computed once
     information = inform(dataset, verify=True)      # returns, sizes, hashes
 
-Only the manifest and footers are read at first, and then one file of episodes at a time. A dataset
-may come from anyone: nothing in it is executed, and a damaged file is an error that names it.
+Only the manifest and footers are read at first, and then one file of episodes at a time, or single
+episodes by `transitions`. A dataset may come from anyone: nothing in it is executed, and a damaged
+file is an error that names it.
 """
 
+import contextlib
 import dataclasses
-import re
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from pathlib import Path
+import functools
+import itertools
+import operator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
+from limberjack.episodes.column_statistics import Statistics, statistics_of
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.folder import calls_in, check_distinct
-from limberjack.episodes.manifest import (
-    EPISODES,
-    MANIFEST,
-    File,
-    Manifest,
-    sha256_of,
-    united,
-    without,
-)
+from limberjack.episodes.manifest import MANIFEST, File, sha256_of
 from limberjack.episodes.parquet import Shard
-from limberjack.episodes.recipe import Recipe
+from limberjack.episodes.reading import (
+    Batch,
+    Form,
+    Reading,
+    Recent,
+    Rows,
+    Windows,
+    WindowsOf,
+    joined,
+    stream,
+    taken,
+)
+from limberjack.episodes.recipe import OBSERVATION, Column, Recipe
 from limberjack.episodes.statistics import Score, Summary, strata, summarise
 from limberjack.rl.guards import at_least_one
+from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Batch", "Dataset", "Information", "inform", "load"]
+__all__ = ["Dataset", "Information", "inform"]
 
-_LONGEST = 1000  # characters of a command that is repeated in a message
-
-
-@dataclasses.dataclass(frozen=True)
-class Batch:
-    """N transitions, in arrays that may be changed.
-
-    Attributes:
-      observations: before the step, by name, (N, ...).
-      actions: (N, ...) float64.
-      rewards: (N,) float64.
-      next_observations: after the step, by name, (N, ...).
-      terminated: whether the task ended the episode, (N,): nothing follows to bootstrap from.
-      truncated: whether the time limit ended the episode, (N,).
-    """
-
-    observations: Mapping[str, np.ndarray]
-    actions: np.ndarray
-    rewards: np.ndarray
-    next_observations: Mapping[str, np.ndarray]
-    terminated: np.ndarray
-    truncated: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.rewards)
-
-
-def load(directory: Path | str, *, allow_gaps: bool = False) -> "Dataset":
-    """The dataset in a folder.
-
-    Args:
-      directory: of the dataset, of this format or of format 1.
-      allow_gaps: load the files that are there and are those of the manifest, or all if there is
-        no manifest yet; `Dataset.gaps` lists the seeds that are missing.
-
-    Raises:
-      OSError: the folder or a file cannot be read.
-      ValueError: there is no dataset, a file is damaged or belongs to another one, or two files
-        have an episode of one seed. Without `allow_gaps`, a file is missing, is not listed in the
-        manifest, or has another size, or there is no manifest.
-      ImportError: the extra `data` is missing.
-    """
-    folder = Path(directory)
-    if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder; expected one that `limberjack collect` wrote")
-    manifest = Manifest.read(folder / MANIFEST)
-    if manifest is not None:
-        return _listed(folder, manifest, allow_gaps)
-    old = [Shard(path) for path in sorted(folder.glob("seeds-*.parquet"))]
-    shards = old or [Shard(path) for path in sorted((folder / EPISODES).glob("*.parquet"))]
-    if not shards:
-        raise ValueError(
-            f"{folder} has no complete file of a dataset; expected {EPISODES}/seeds-*.parquet, as "
-            "`limberjack collect` writes them"
-        )
-    check_distinct(shards)
-    if not old and not allow_gaps:
-        raise ValueError(
-            f"{folder} has no {MANIFEST} yet: to finish the dataset, repeat {_command(folder)}; "
-            "load(..., allow_gaps=True) gives the episodes that are there"
-        )
-    for shard in shards:
-        if (shard.recipe.format == 1) is not bool(old):
-            raise ValueError(f"{shard.path} has format {shard.recipe.format}, unlike its folder")
-    return Dataset(shards)
-
-
-def _listed(folder: Path, manifest: Manifest, allow_gaps: bool) -> "Dataset":
-    """The dataset of a manifest, with which its files are compared."""
-    shards: list[Shard] = []
-    for file in manifest.files:
-        path = folder / EPISODES / file.name
-        wrong = _difference(path, file)
-        if wrong is None:
-            shards.append(_checked(path, file, manifest.recipe))
-        elif not allow_gaps:
-            raise ValueError(
-                f"{wrong}: remove it if it is there, and repeat {_command(folder)}; "
-                "load(..., allow_gaps=True) does without it"
-            )
-    names = {file.name for file in manifest.files}
-    extra = sorted(p for p in (folder / EPISODES).glob("*") if p.name not in names)
-    if extra and not allow_gaps:
-        raise ValueError(
-            f"{extra[0]} is not listed in {MANIFEST}: `limberjack collect` has not finished, and "
-            f"{_command(folder)} continues it, or the file does not belong here; "
-            "load(..., allow_gaps=True) loads it, too, if it has episodes"
-        )
-    shards += [Shard(path) for path in extra if path.suffix == ".parquet"]
-    shards.sort(key=lambda shard: shard.seeds.start)
-    check_distinct(shards)
-    gaps = without(manifest.wanted, united(shard.seeds for shard in shards))
-    if gaps and not allow_gaps:
-        raise ValueError(
-            f"{folder / MANIFEST} lists no file with the episode of seed {gaps[0].start}: repeat "
-            f"{_command(folder)}; load(..., allow_gaps=True) does without it"
-        )
-    if not shards:
-        raise ValueError(f"{folder} has none of the files that its {MANIFEST} lists")
-    return Dataset(shards, files=manifest.files, gaps=gaps)
-
-
-def _difference(path: Path, file: File) -> str | None:
-    """A sentence on the size of a file that is not the listed one."""
-    if not path.exists():
-        return f"{path} is missing, which {MANIFEST} lists"
-    size = path.stat().st_size
-    return (
-        None
-        if size == file.nbytes
-        else (f"{path} has {size} bytes, and {file.nbytes} in {MANIFEST}")
-    )
-
-
-def _checked(path: Path, file: File, recipe: Recipe) -> Shard:
-    """The file; raises ValueError if its footer has another recipe, seeds or rows than listed."""
-    shard = Shard(path)
-    difference = shard.recipe.difference(recipe)
-    if difference is None and (shard.seeds, shard.rows) != (file.seeds, file.rows):
-        difference = f"seeds and rows are {shard.seeds}, {shard.rows} and {file.seeds}, {file.rows}"
-    if difference is not None:
-        raise ValueError(
-            f"{path} is not the file that {MANIFEST} lists, whose {difference}: remove it, and "
-            "collect its seeds again"
-        )
-    return shard
-
-
-def _command(folder: Path) -> str:
-    """The command that finishes a dataset, as far as its log has it."""
-    calls = calls_in(folder)
-    command = calls[-1].get("command") if calls else None
-    if not isinstance(command, str) or not 0 < len(command) < _LONGEST:
-        return "the call that collected it"
-    return f"`{re.sub(r' --shard[= ][^ ]+', '', command)}`"
+_MOST_CACHED = 2**29  # bytes of episodes that `transitions` has read and keeps
 
 
 class Dataset:
@@ -187,6 +65,7 @@ class Dataset:
         chosen: Sequence[range] | None = None,
         files: Sequence[File] = (),
         gaps: Sequence[range] = (),
+        reading: Reading = Reading(),  # noqa: B008 (it cannot change)
     ) -> None:
         """Takes at least one file; all have the same recipe and different seeds.
 
@@ -195,12 +74,16 @@ class Dataset:
           chosen: seeds of each file; all by default.
           files: as the manifest lists them, if there is one.
           gaps: seeds that are wanted and missing.
+          reading: see `select`.
         """
         self.shards = list(shards)
         self.recipe: Recipe = shards[0].recipe
         self._chosen = [shard.seeds for shard in shards] if chosen is None else list(chosen)
         self._files = {file.name: file for file in files}
         self._gaps = list(gaps)
+        self._reading = reading
+        self._recent = Recent(_MOST_CACHED)
+        self._statistics: Statistics | None = None
 
     @property
     def seeds(self) -> list[int]:
@@ -215,10 +98,30 @@ class Dataset:
     @property
     def steps(self) -> int:
         """The steps of all episodes together."""
-        return sum(
-            sum(shard.lengths[seeds.start - shard.seeds.start : seeds.stop - shard.seeds.start])
+        return sum(self.lengths)
+
+    @functools.cached_property
+    def lengths(self) -> list[int]:
+        """The steps of each episode."""
+        return [
+            length
             for shard, seeds in zip(self.shards, self._chosen, strict=True)
-        )
+            for length in shard.lengths[
+                seeds.start - shard.seeds.start : seeds.stop - shard.seeds.start
+            ]
+        ]
+
+    @functools.cached_property
+    def _ends(self) -> np.ndarray:
+        """The number of the transition that follows the last one of each episode."""
+        return np.cumsum(self.lengths)
+
+    @functools.cached_property
+    def _observed(self) -> list[str]:
+        """The names of the observations that are read."""
+        names = [c.name.removeprefix(OBSERVATION) for c in self._columns()]
+        chosen = self._reading.observations
+        return names if chosen is None else [name for name in names if name in chosen]
 
     def __len__(self) -> int:
         """The number of episodes."""
@@ -247,8 +150,147 @@ class Dataset:
                     return read(seed)
         raise KeyError(f"no episode of seed {seed!r}; the first one has seed {self.seeds[0]}")
 
+    def __getitem__(self, index: int) -> Episode:
+        """The episode of a number from 0 to `len(dataset) - 1`, or from the end if it is negative.
+
+        Raises:
+          IndexError: there is no such episode.
+          ValueError: its file is damaged.
+        """
+        episodes = len(self)
+        number = operator.index(index)
+        if not -episodes <= number < episodes:
+            raise IndexError(f"index {number} is out of range; there are {episodes} episodes")
+        return self.episode(self.seeds[number])
+
+    def transitions(self, indices: Sequence[int] | np.ndarray) -> Batch:
+        """Some transitions, in the order of their numbers as given.
+
+        The episodes that they belong to are read, and kept in memory up to half a gigabyte: for
+        datasets that are much larger, `batches` is faster.
+
+        Args:
+          indices: numbers from 0 to `steps - 1`, in the order of seeds and steps, or from the end
+            if they are negative; at least one, and the same one may be there repeatedly.
+
+        Raises:
+          IndexError: there is no such transition.
+          TypeError: they are not whole numbers.
+          ValueError: there are none, or a file is damaged.
+        """
+        wanted = self._checked_indices(indices)
+        episodes = np.searchsorted(self._ends, wanted, side="right")
+        order = np.argsort(episodes, kind="stable")
+        numbers, begins = np.unique(episodes[order], return_index=True)
+        groups = np.split(order, begins[1:])
+        firsts = self._ends[numbers] - np.array(self.lengths)[numbers]
+        parts = [
+            rows.take(wanted[group] - first)
+            for rows, group, first in zip(self._rows_of(numbers), groups, firsts, strict=True)
+        ]
+        return taken(joined(parts), np.argsort(order))
+
+    def _checked_indices(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
+        """The numbers of transitions, none of them negative."""
+        given = np.asarray(indices)
+        if given.ndim != 1 or not len(given):
+            raise ValueError(f"indices have shape {given.shape}; expected (N,), at least one")
+        if given.dtype.kind not in "iu":
+            raise TypeError(f"indices are {given.dtype}; expected whole numbers")
+        steps = self.steps
+        outside = given[(given < -steps) | (given >= steps)]
+        if len(outside):
+            raise IndexError(f"index {outside[0]} is out of range; there are {steps} transitions")
+        return np.where(given < 0, given + steps, given).astype(np.int64)
+
+    def _rows_of(self, numbers: Iterable[int]) -> Iterator[Rows]:
+        """The steps of some episodes, whose numbers increase; those not kept are read."""
+        firsts = np.cumsum([0, *map(len, self._chosen)])
+        numbers = [int(number) for number in numbers]
+        for file, here in itertools.groupby(
+            numbers, lambda number: int(np.searchsorted(firsts, number, side="right")) - 1
+        ):
+            with contextlib.ExitStack() as opened:
+                read = None
+                for number in here:
+                    rows = self._recent.get(number)
+                    if rows is None:
+                        read = read or opened.enter_context(self._opened(file))
+                        seed = self._chosen[file][number - int(firsts[file])]
+                        rows = self._recent.put(number, Rows([read(seed)], self._reading))
+                    yield rows
+
+    def _opened(self, number: int) -> contextlib.AbstractContextManager[Callable[[int], Episode]]:
+        """A function that reads episodes of a file with the chosen observations."""
+        return self.shards[number].opened(self._observed)
+
+    def _read(self, number: int) -> Iterator[Episode]:
+        """The episodes of a file with the chosen observations."""
+        with self._opened(number) as read:
+            yield from map(read, self._chosen[number])
+
+    def select(
+        self,
+        observations: Iterable[str] | None = None,
+        *,
+        float32: bool = False,
+        discount: float | None = None,
+        n_step: int = 1,
+    ) -> "Dataset":
+        """The same episodes; `batches`, `windows`, `transitions` and `statistics` differ.
+
+        Args:
+          observations: the names of those to read, instead of all of them.
+          float32: observations, actions, rewards and returns as float32 instead of float64.
+          discount: of a reward one step later, from 0 to 1. Batches then have `discounts` and
+            `returns_to_go`, and windows `returns_to_go`.
+          n_step: transitions of so many steps, with discounted sums of rewards; windows have the
+            rewards of single steps.
+
+        Raises:
+          ValueError: there is no such observation, or a number is out of range.
+        """
+        chosen = None if observations is None else tuple(observations)
+        names = [c.name.removeprefix(OBSERVATION) for c in self._columns()]
+        for name in chosen or ():
+            if name not in names:
+                raise ValueError(
+                    f"unknown column {name!r}; the observations are {', '.join(names)}."
+                    f"{did_you_mean(name, names)}"
+                )
+        if chosen is not None and not chosen:
+            raise ValueError(f"observations is empty; choose from {', '.join(names)}")
+        if discount is not None and not 0 <= discount <= 1:
+            raise ValueError(f"discount is {discount!r}; expected a number from 0 to 1")
+        n_step = at_least_one("n_step", n_step)
+        if n_step > 1 and discount is None:
+            raise ValueError(f"n_step is {n_step}, and there is no discount; give 1.0 for sums")
+        reading = Reading(chosen, float32, discount, n_step)
+        files = list(self._files.values())
+        return Dataset(self.shards, self._chosen, files, self._gaps, reading)
+
+    def _columns(self) -> list[Column]:
+        """The columns of observations."""
+        return [c for c in self.recipe.columns if c.name.startswith(OBSERVATION)]
+
+    def statistics(self) -> Statistics:
+        """Mean, deviation, range and quantiles of each number, computed in one pass and kept.
+
+        Raises:
+          ValueError: a file is damaged.
+        """
+        if self._statistics is None:
+            names = {OBSERVATION + name for name in self._observed}
+            columns = (
+                c for c in self.recipe.columns if c.name in names or c.name in ("action", "reward")
+            )
+            recipe = dataclasses.replace(self.recipe, columns=tuple(columns))
+            files = map(self._read, range(len(self.shards)))
+            self._statistics = statistics_of(files, recipe, self.lengths)
+        return self._statistics
+
     def part(self, k: int, n: int) -> "Dataset":
-        """The k-th of n parts, counted from 0, of about as many episodes each.
+        """The k-th of n parts, counted from 0; their numbers of episodes differ by at most one.
 
         It has episodes that follow each other, for a worker of a data loader, which so reads few
         files.
@@ -267,7 +309,7 @@ class Dataset:
                 shards.append(shard)
                 chosen.append(here)
             before += len(seeds)
-        return Dataset(shards, chosen, list(self._files.values()))
+        return Dataset(shards, chosen, list(self._files.values()), reading=self._reading)
 
     def sha256(self) -> dict[str, str]:
         """The SHA-256 of each file by name, in hex: the manifest's, or computed without one."""
@@ -294,91 +336,100 @@ class Dataset:
                     "its seeds again"
                 )
 
-    def batches(self, size: int, *, seed: int | None = None) -> Iterator[Batch]:
+    def batches(self, size: int, *, seed: int | None = None, buffer: int = 0) -> Iterator[Batch]:
         """All transitions once, in batches; the last one may be smaller.
 
         Args:
           size: transitions of a batch.
           seed: shuffles the files, and the transitions within each file; None for the order of
-            seeds and steps.
+            seeds and steps. The order of transitions depends on the seed and the buffer alone.
+          buffer: so many transitions of each file, drawn at random, are left to be shuffled with
+            the next one, so that a batch has transitions of several files.
 
         Raises:
-          ValueError: `size` is not a whole number of at least 1, or a file is damaged.
+          ValueError: a number is out of range, or there is a buffer without a seed. Or, while they
+            are read, a file is damaged.
         """
-        size = at_least_one("size", size)
+        size, buffer = at_least_one("size", size), _checked_buffer(buffer, seed)
         random = None if seed is None else np.random.default_rng(seed)
-        order = range(len(self.shards)) if random is None else random.permutation(len(self.shards))
-        left: list[Batch] = []
-        for number in order:
-            left = yield from _batches(_Rows(list(self.episodes_of(number))), size, random, left)
-        if left:
-            yield _joined(left)
+        return stream(self._rows(random), size, random, buffer)
+
+    def windows(
+        self,
+        length: int,
+        stride: int = 1,
+        pad: tuple[int, int] = (0, 0),
+        *,
+        size: int = 256,
+        seed: int | None = None,
+        buffer: int = 0,
+    ) -> Iterator[Windows]:
+        """All windows of steps that follow each other in an episode, in batches.
+
+        Args:
+          length: steps of a window.
+          stride: steps from the beginning of a window to that of the next one.
+          pad: the steps by which windows may begin before an episode, and end after it; both less
+            than `length`. The first window of an episode begins as early as it may.
+          size: windows of a batch; the last one may be smaller.
+          seed, buffer: as for `batches`, with windows in the place of transitions.
+
+        Raises:
+          ValueError: a number is out of range, there is a buffer without a seed, or no episode is
+            long enough for a window. Or, while they are read, a file is damaged.
+        """
+        if not self.count_windows(length, stride, pad):
+            longest = max(self.lengths) + sum(pad)
+            raise ValueError(
+                f"length is {length}; expected at most {longest}, the steps of the longest episode"
+                f"{' and its padding' if sum(pad) else ''}"
+            )
+        form = _form(length, stride, pad)
+        size, buffer = at_least_one("size", size), _checked_buffer(buffer, seed)
+        random = None if seed is None else np.random.default_rng(seed)
+        sources = (WindowsOf(rows, form) for rows in self._rows(random))
+        return stream(sources, size, random, buffer)
+
+    def count_windows(self, length: int, stride: int = 1, pad: tuple[int, int] = (0, 0)) -> int:
+        """The number of windows that `windows` gives with these arguments; it reads nothing.
+
+        Raises:
+          ValueError: a number is out of range.
+        """
+        return int(_form(length, stride, pad).counts(np.array(self.lengths)).sum())
+
+    def _rows(self, random: np.random.Generator | None) -> Iterator[Rows]:
+        """The steps of each file, of which one is in memory at a time."""
+        files = len(self.shards)
+        for number in range(files) if random is None else random.permutation(files):
+            yield Rows(list(self._read(number)), self._reading)
 
 
-class _Rows:
-    """The rows of a file: of each episode one per step, and one for its last observation."""
-
-    def __init__(self, episodes: Sequence[Episode]) -> None:
-        of_names = {
-            name: [e.observations[name] for e in episodes] for name in episodes[0].observations
-        }
-        self._observations = {name: np.concatenate(parts) for name, parts in of_names.items()}
-        self._actions, self._rewards, self._terminated, self._truncated = (
-            np.concatenate([getattr(e, name) for e in episodes])
-            for name in ("actions", "rewards", "terminated", "truncated")
+def _form(length: int, stride: int, pad: tuple[int, int]) -> Form:
+    """The form of windows; raises ValueError if a number is out of range."""
+    length, stride = at_least_one("length", length), at_least_one("stride", stride)
+    is_pair = isinstance(pad, tuple | list) and len(pad) == 2
+    if not (is_pair and all(_is_count(steps) and steps < length for steps in pad)):
+        raise ValueError(
+            f"pad is {pad!r}; expected steps before and after an episode, whole numbers from 0 to "
+            f"{length - 1}, less than the length"
         )
-        lengths = np.array([episode.length for episode in episodes])
-        # The row of a step: those of all steps before it, and a last one of each earlier episode.
-        self._row = np.arange(lengths.sum()) + np.repeat(np.arange(len(lengths)), lengths)
-
-    def __len__(self) -> int:
-        return len(self._row)
-
-    def batch(self, steps: np.ndarray) -> Batch:
-        """The transitions of some steps."""
-        rows = self._row[steps]
-        return Batch(
-            {name: values[rows] for name, values in self._observations.items()},
-            self._actions[steps],
-            self._rewards[steps],
-            {name: values[rows + 1] for name, values in self._observations.items()},
-            self._terminated[steps],
-            self._truncated[steps],
-        )
+    return Form(length, stride, *map(int, pad))
 
 
-def _batches(
-    rows: _Rows, size: int, random: np.random.Generator | None, left: list[Batch]
-) -> Generator[Batch, None, list[Batch]]:
-    """Batches of a file's transitions, after what was left of the one before; returns the rest."""
-    steps = np.arange(len(rows)) if random is None else random.permutation(len(rows))
-    first = size - sum(map(len, left)) if left else 0
-    if first > len(steps):
-        return [*left, rows.batch(steps)]
-    if left:
-        yield _joined([*left, rows.batch(steps[:first])])
-    whole = first + (len(steps) - first) // size * size
-    for begin in range(first, whole, size):
-        yield rows.batch(steps[begin : begin + size])
-    return [rows.batch(steps[whole:])] if whole < len(steps) else []
+def _is_count(value: object) -> bool:
+    """Whether a value is a whole number of at least 0."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        return False
+    return bool(value >= 0)
 
 
-def _joined(parts: list[Batch]) -> Batch:
-    def together(name: str) -> np.ndarray:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    def observed(name: str) -> dict[str, np.ndarray]:
-        of_parts = [getattr(part, name) for part in parts]
-        return {key: np.concatenate([one[key] for one in of_parts]) for key in of_parts[0]}
-
-    return Batch(
-        observed("observations"),
-        together("actions"),
-        together("rewards"),
-        observed("next_observations"),
-        together("terminated"),
-        together("truncated"),
-    )
+def _checked_buffer(buffer: int, seed: int | None) -> int:
+    if not _is_count(buffer):
+        raise ValueError(f"buffer is {buffer!r}; expected a whole number of at least 0")
+    if buffer and seed is None:
+        raise ValueError(f"buffer is {buffer}, and there is no seed to shuffle with; give one")
+    return buffer
 
 
 @dataclasses.dataclass(frozen=True)

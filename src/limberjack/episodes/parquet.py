@@ -49,6 +49,8 @@ _Untyped = Any  # an object of pyarrow, which has no types
 
 _RECIPE, _FIGURES = b"limberjack", b"limberjack_figures"
 _PLACE = ("seed", "step", "time", "is_first", "is_last")  # columns that follow from seed and row
+# Columns that are read whichever observations are.
+_OF_EVERY = (*_PLACE, "start", "action", "reward", "terminated", "truncated", "success", "diverged")
 _LEVEL = 1  # of zstd: higher ones take longer and save 0.2 % of the humanoid's 616 bytes a step
 _MOST_BYTES = 2**30  # of an episode; an hour of a humanoid's steps with states takes a third of it
 
@@ -99,12 +101,24 @@ class Shard:
             return Figures.parse(text, self.recipe, len(self.seeds))
 
     @contextlib.contextmanager
-    def opened(self) -> Iterator[Callable[[int], Episode]]:
-        """A function that reads the episode of a seed; it raises ValueError for a damaged one."""
+    def opened(
+        self, observations: Sequence[str] | None = None
+    ) -> Iterator[Callable[[int], Episode]]:
+        """A function that reads the episode of a seed; it raises ValueError for a damaged one.
+
+        Args:
+          observations: the names of those that the episodes are to have, which then lack states and
+            model fields; None for everything.
+        """
+        columns = self.recipe.columns
+        if observations is not None:
+            wanted = {OBSERVATION + name for name in observations}
+            some = [c for c in columns if c.name in wanted or c.name in _OF_EVERY]
+            columns = columns if len(some) == len(columns) else some
         with _damage_reported(self.path):
             file = self.file()
         with file:
-            yield lambda seed: self._read(file, seed)
+            yield lambda seed: self._read(file, seed, columns)
 
     def file(self) -> pq.ParquetFile:
         """The open file, whose pages are compared with their checksums when they are read."""
@@ -120,19 +134,19 @@ class Shard:
         with _damage_reported(self.path), self.file() as file:
             for seed in seeds:
                 table = file.read_row_group(seed - self.seeds.start, use_threads=False)
-                yield table, self._episode(table, seed)
+                yield table, self._episode(table, seed, self.recipe.columns)
 
-    def _read(self, file: pq.ParquetFile, seed: int) -> Episode:
+    def _read(self, file: pq.ParquetFile, seed: int, columns: Sequence[Column]) -> Episode:
+        names = None if columns is self.recipe.columns else [_leaf(column) for column in columns]
         with _damage_reported(self.path):
-            table = file.read_row_group(seed - self.seeds.start, use_threads=False)
-            return self._episode(table, seed)
+            group = seed - self.seeds.start
+            table = file.read_row_group(group, columns=names, use_threads=False)
+            return self._episode(table, seed, columns)
 
-    def _episode(self, table: _Untyped, seed: int) -> Episode:
-        recipe = self.recipe
-        values = {
-            c.name: _from_arrow(c, table.column(c.name), recipe.format) for c in recipe.columns
-        }
-        return episode_of(values, seed, recipe)
+    def _episode(self, table: _Untyped, seed: int, columns: Sequence[Column]) -> Episode:
+        form = self.recipe.format
+        values = {c.name: _from_arrow(c, table.column(c.name), form) for c in columns}
+        return episode_of(values, seed, self.recipe)
 
     def _damaged(self, reason: str) -> ValueError:
         return _damaged(self.path, reason)

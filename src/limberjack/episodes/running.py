@@ -169,7 +169,7 @@ class Run:
     def _collect(self, on_progress: OnProgress | None) -> None:
         """Plays and keeps, and reads what is there in the end."""
         from limberjack.episodes.collecting import collect_with
-        from limberjack.episodes.dataset import load
+        from limberjack.episodes.loading import load
 
         assert self._out is not None
         collect_with(

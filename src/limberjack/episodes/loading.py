@@ -1,0 +1,130 @@
+"""`load`: the `Dataset` in a folder, whose files are those that its manifest lists.
+
+    dataset = load("data")                      # every file is there
+    dataset = load("data", allow_gaps=True)     # those that are there; `dataset.gaps` lists seeds
+
+Only the manifest and footers are read.
+"""
+
+import re
+from pathlib import Path
+
+from limberjack.episodes.dataset import Dataset
+from limberjack.episodes.folder import calls_in, check_distinct
+from limberjack.episodes.manifest import EPISODES, MANIFEST, File, Manifest, united, without
+from limberjack.episodes.parquet import Shard
+from limberjack.episodes.recipe import Recipe
+
+__all__ = ["load"]
+
+_LONGEST = 1000  # characters of a command that is repeated in a message
+
+
+def load(directory: Path | str, *, allow_gaps: bool = False) -> Dataset:
+    """The dataset in a folder.
+
+    Args:
+      directory: of the dataset, of this format or of format 1.
+      allow_gaps: load the files that are there and are those of the manifest, or all if there is
+        no manifest yet; `Dataset.gaps` lists the seeds that are missing.
+
+    Raises:
+      OSError: the folder or a file cannot be read.
+      ValueError: there is no dataset, a file is damaged or belongs to another one, or two files
+        have an episode of one seed. Without `allow_gaps`, a file is missing, is not listed in the
+        manifest, or has another size, or there is no manifest.
+      ImportError: the extra `data` is missing.
+    """
+    folder = Path(directory)
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder; expected one that `limberjack collect` wrote")
+    manifest = Manifest.read(folder / MANIFEST)
+    if manifest is not None:
+        return _listed(folder, manifest, allow_gaps)
+    old = [Shard(path) for path in sorted(folder.glob("seeds-*.parquet"))]
+    shards = old or [Shard(path) for path in sorted((folder / EPISODES).glob("*.parquet"))]
+    if not shards:
+        raise ValueError(
+            f"{folder} has no complete file of a dataset; expected {EPISODES}/seeds-*.parquet, as "
+            "`limberjack collect` writes them"
+        )
+    check_distinct(shards)
+    if not old and not allow_gaps:
+        raise ValueError(
+            f"{folder} has no {MANIFEST} yet: to finish the dataset, repeat {_command(folder)}; "
+            "load(..., allow_gaps=True) gives the episodes that are there"
+        )
+    for shard in shards:
+        if (shard.recipe.format == 1) is not bool(old):
+            raise ValueError(f"{shard.path} has format {shard.recipe.format}, unlike its folder")
+    return Dataset(shards)
+
+
+def _listed(folder: Path, manifest: Manifest, allow_gaps: bool) -> Dataset:
+    """The dataset of a manifest, with which its files are compared."""
+    shards: list[Shard] = []
+    for file in manifest.files:
+        path = folder / EPISODES / file.name
+        wrong = _difference(path, file)
+        if wrong is None:
+            shards.append(_checked(path, file, manifest.recipe))
+        elif not allow_gaps:
+            raise ValueError(
+                f"{wrong}: remove it if it is there, and repeat {_command(folder)}; "
+                "load(..., allow_gaps=True) does without it"
+            )
+    names = {file.name for file in manifest.files}
+    extra = sorted(p for p in (folder / EPISODES).glob("*") if p.name not in names)
+    if extra and not allow_gaps:
+        raise ValueError(
+            f"{extra[0]} is not listed in {MANIFEST}: `limberjack collect` has not finished, and "
+            f"{_command(folder)} continues it, or the file does not belong here; "
+            "load(..., allow_gaps=True) loads it, too, if it has episodes"
+        )
+    shards += [Shard(path) for path in extra if path.suffix == ".parquet"]
+    shards.sort(key=lambda shard: shard.seeds.start)
+    check_distinct(shards)
+    gaps = without(manifest.wanted, united(shard.seeds for shard in shards))
+    if gaps and not allow_gaps:
+        raise ValueError(
+            f"{folder / MANIFEST} lists no file with the episode of seed {gaps[0].start}: repeat "
+            f"{_command(folder)}; load(..., allow_gaps=True) does without it"
+        )
+    if not shards:
+        raise ValueError(f"{folder} has none of the files that its {MANIFEST} lists")
+    return Dataset(shards, files=manifest.files, gaps=gaps)
+
+
+def _difference(path: Path, file: File) -> str | None:
+    """A sentence on the size of a file that is not the listed one."""
+    if not path.exists():
+        return f"{path} is missing, which {MANIFEST} lists"
+    size = path.stat().st_size
+    return (
+        None
+        if size == file.nbytes
+        else (f"{path} has {size} bytes, and {file.nbytes} in {MANIFEST}")
+    )
+
+
+def _checked(path: Path, file: File, recipe: Recipe) -> Shard:
+    """The file; raises ValueError if its footer has another recipe, seeds or rows than listed."""
+    shard = Shard(path)
+    difference = shard.recipe.difference(recipe)
+    if difference is None and (shard.seeds, shard.rows) != (file.seeds, file.rows):
+        difference = f"seeds and rows are {shard.seeds}, {shard.rows} and {file.seeds}, {file.rows}"
+    if difference is not None:
+        raise ValueError(
+            f"{path} is not the file that {MANIFEST} lists, whose {difference}: remove it, and "
+            "collect its seeds again"
+        )
+    return shard
+
+
+def _command(folder: Path) -> str:
+    """The command that finishes a dataset, as far as its log has it."""
+    calls = calls_in(folder)
+    command = calls[-1].get("command") if calls else None
+    if not isinstance(command, str) or not 0 < len(command) < _LONGEST:
+        return "the call that collected it"
+    return f"`{re.sub(r' --shard[= ][^ ]+', '', command)}`"
