@@ -58,7 +58,8 @@ test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at
 
 test-training: $(VENV)/installed-training  ## Run the tests of training, Stable-Baselines3 and the examples
 	$(BIN)/python -m pytest tests/training tests/cli/test_train.py tests/adapters/test_sb3.py \
-		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py tests/examples
+		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py tests/examples \
+		tests/episodes/test_torch_datasets.py
 
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format
 	$(BIN)/python -m pytest -m 'slow or not slow' tests/episodes/test_to_minari.py \

@@ -1,59 +1,45 @@
 """A model of the dynamics, learned with PyTorch from a dataset that `limberjack collect` wrote.
 
-    pip install pyarrow
-    pip install torch
+    pip install pyarrow torch
     python examples/dataset_pytorch.py --steps 2000 --data reach
 
-Without --data it first collects 64 short episodes of random actions. A `DataLoader` with workers
-gives each of them episodes of its own; here one process reads. It prints the error of the predicted
-velocities, in the first and in the last tenth of the steps.
+Without --data it first collects 64 short episodes of random actions. `num_workers` of the
+`DataLoader` may be any number: each worker reads episodes of its own. It prints the error of the
+predicted velocities, in the first and in the last tenth of the steps.
 """
 
 import argparse
+import itertools
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch  # pyright: ignore[reportMissingImports]
 
 from limberjack import data
+from limberjack.episodes.torch_datasets import Batches
 
 _BATCH = 256  # transitions
 _LEARNING_RATE = 1e-3
 
 
-class Transitions(torch.utils.data.IterableDataset):
-    """Observations with actions, and the change of the observations, shuffled in each pass."""
-
-    def __init__(self, folder: Path) -> None:
-        """Takes the folder of a dataset."""
-        self._folder = folder
-        self._passes = 0
-
-    def __iter__(self) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Batches of float32."""
-        dataset = data.load(self._folder)
-        worker = torch.utils.data.get_worker_info()
-        if worker is not None:  # each worker of a DataLoader reads episodes of its own
-            dataset = dataset.part(worker.id, worker.num_workers)
-        self._passes += 1
-        for batch in dataset.batches(_BATCH, seed=self._passes):
-            now, after = batch.observations, batch.next_observations
-            known = [*now.values(), batch.actions]
-            change = [after[name] - now[name] for name in now]
-            yield _joined(known), _joined(change)
+def _joined(parts: list[torch.Tensor]) -> torch.Tensor:
+    return torch.cat([values.reshape(len(values), -1) for values in parts], dim=1)
 
 
-def _joined(parts: list[np.ndarray]) -> torch.Tensor:
-    rows = [values.reshape(len(values), -1) for values in parts]
-    return torch.from_numpy(np.concatenate(rows, axis=1, dtype=np.float32))
+def _known_and_change(batch: dict[str, Any]) -> tuple[torch.Tensor, torch.Tensor]:
+    """Observations with actions, and the change of the observations."""
+    now, after = batch["observations"], batch["next_observations"]
+    change = [after[name] - now[name] for name in now]
+    return _joined([*now.values(), batch["actions"]]), _joined(change)
 
 
-def _learn(folder: Path, steps: int) -> tuple[float, float]:
+def _learn(dataset: data.Dataset, steps: int) -> tuple[float, float]:
     """Mean squared errors of the first and the last tenth of the steps."""
-    loader = torch.utils.data.DataLoader(Transitions(folder), batch_size=None)
-    known, change = next(iter(loader))
+    batches = Batches(dataset.select(float32=True), _BATCH, seed=0)
+    loader = torch.utils.data.DataLoader(batches, batch_size=None)
+    known, change = _known_and_change(next(iter(loader)))
     scale = change.std(dim=0) + 1e-6  # so that all observations count alike
     model = torch.nn.Sequential(
         torch.nn.Linear(known.shape[1], 64),
@@ -62,13 +48,17 @@ def _learn(folder: Path, steps: int) -> tuple[float, float]:
     )
     optimizer = torch.optim.Adam(model.parameters(), lr=_LEARNING_RATE)
     errors: list[float] = []
-    while len(errors) < steps:
-        for known, change in loader:
+    for epoch in itertools.count():
+        batches.set_epoch(epoch)
+        for batch in loader:
+            known, change = _known_and_change(batch)
             error = torch.nn.functional.mse_loss(model(known), change / scale)
             optimizer.zero_grad()
             error.backward()
             optimizer.step()
             errors.append(error.item())
+        if len(errors) >= steps:
+            break
     tenth = max(1, steps // 10)
     return float(np.mean(errors[:tenth])), float(np.mean(errors[-tenth:]))
 
@@ -89,7 +79,7 @@ def main() -> None:
             data.collect("reacher", "easy", "random", range(64), out=folder, time_limit=2.0)
         dataset = data.load(folder)
         print(f"{len(dataset)} episodes, {dataset.steps} transitions")
-        before, after = _learn(folder, given.steps)
+        before, after = _learn(dataset, given.steps)
     print(f"error {before:.4f} at first, {after:.4f} after {given.steps} steps")
 
 

@@ -89,7 +89,7 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "stable_baselines3": ("limberjack.adapters.sb3", "limberjack.training.learner"),
     "tensorboard": "limberjack.training.learner",
     "tensordict": "limberjack.adapters.rsl_rl",
-    "torch": "limberjack.gpu.backend",
+    "torch": ("limberjack.episodes.torch_datasets", "limberjack.gpu.backend"),
     "typer": "limberjack.cli",
     "warp": "limberjack.gpu.backend",
     "websockets": "limberjack.viewer.guard",  # for its types only: Studio imports it

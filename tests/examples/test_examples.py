@@ -28,7 +28,7 @@ _NEEDS = {
     "policy_gymnasium": ((), ""),
     "policy_sb3": (("stable_baselines3",), "sb3"),
     "planner_picture": ((), ""),
-    "dataset_pytorch": (("pyarrow", "torch"), "data"),
+    "dataset_pytorch": (("pyarrow", "torch"), "torch"),
     "sb3_crossq": (("sb3_contrib", "stable_baselines3"), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
     "rsl_rl_ppo": (("mujoco_warp", "torch", "rsl_rl"), "rsl-rl"),

@@ -50,6 +50,7 @@ PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "video": _FILMS,
         "notebook": (*_FILMS, "ipykernel"),
         "data": ("pyarrow",),
+        "torch": ("pyarrow", "torch"),
         "minari": ("minari", "pillow", "pyarrow"),
         "onnx": ("onnx", "onnxruntime"),
         "sb3": ("sb3-contrib", "stable-baselines3"),
