@@ -39,6 +39,7 @@ _PARTS = {
     "path_searches.json": ("planner", *_SIMULATED),
     "planner.json": ("planner", *_SIMULATED),
     "reach.json": ("suite/manipulator.*", "suite/stacker.*"),
+    "reading.json": ("episodes",),
     "rows.json": ("gym", *_SIMULATED),
     "scaling.json": ("episodes", "evaluation", "policies", "workers", *_SIMULATED),
     "steps_per_second.json": ("gym", *_SIMULATED),

@@ -375,11 +375,24 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("corner[1:] = left[:-1]", "corner[1:] = above[:-1]"),
         ("(to_left <= to_above) & (to_left <= to_corner)", "to_left <= to_above"),
     ],
+    "episodes/column_statistics.py": [
+        ("self._rows[begin:end] - first", "self._rows[begin:end] - begin"),
+        ("steps if c.is_of_step else steps + len(lengths)", "steps"),
+        ("        figures.include(of_file)", "        figures = of_file"),
+    ],
     "episodes/dataset.py": [
         (
             "first, end = k * episodes // n, (k + 1) * episodes // n",
             "first, end = k * (episodes // n), (k + 1) * (episodes // n)",
         ),
+        ("return taken(joined(parts), np.argsort(order))", "return joined(parts)"),
+        ("given + steps, given)", "given + steps - 1, given)"),
+        (
+            "list(self._files.values()), reading=self._reading)",
+            "list(self._files.values()))",
+        ),
+        ("longest = max(self.lengths) + sum(pad)", "longest = max(self.lengths)"),
+        ("        if self._statistics is None:\n", "        if True:\n"),
         (
             "if listed is not None and sha256_of(shard.path) != listed.sha256:",
             "if listed is not None and sha256_of(shard.path) == '':",
@@ -411,6 +424,19 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("end = min(part.seeds.stop, seeds.stop)", "end = part.seeds.stop"),
         ("if array.null_count != 1 or array[-1].is_valid:", "if array.null_count != 1:"),
         ('np.packbits(numbers, bitorder="little")', "np.packbits(numbers)"),
+    ],
+    "episodes/reading.py": [
+        ("steps[:, :-1] >= 0) & (steps[:, :-1] < lengths)", "steps[:, :-1] < lengths)"),
+        ("                found[~mask] = 0\n", "                pass\n"),
+        ("rows = inside + (begins + episodes[:, None])", "rows = inside + begins"),
+        ("found[steps] += discount * found[steps + 1]", "found[steps] += found[steps + 1]"),
+        ("has = np.flatnonzero(self._left > ahead)", "has = np.flatnonzero(self._left >= ahead)"),
+        ("np.where(terminated, 0.0, power)", "power"),
+        ("terminated = self._terminated.take(last)", "terminated = self._terminated.take(steps)"),
+        ("spare // self.stride + 1, 0)", "spare // self.stride, 0)"),
+        ("number * form.stride - form.before", "number * form.stride"),
+        ("held = pool.take(order[leaving:]) if leaving < len(order) else None", "held = None"),
+        ("self._nbytes -= oldest.nbytes", "self._nbytes = 0"),
     ],
     "episodes/statistics.py": [
         ("np.mean(episode.rewards[-LAST_STEPS:])", "np.mean(episode.rewards[:LAST_STEPS])"),

@@ -1,6 +1,7 @@
 """The pages are right: their code runs, and their links, names and commands exist.
 
-All ```python blocks of a page form one program; a comment after a `print` is its output.
+All ```python blocks of a page form one program; a comment after a `print` is its output. Those
+that need PyTorch are part of it where PyTorch is installed.
 """
 
 import importlib
@@ -37,12 +38,12 @@ def _page_name(page: Path) -> str:
 every_page = pytest.mark.parametrize("page", _PAGES, ids=_page_name)
 
 
-def _program(page: Path) -> str:
+def _program(page: Path, with_torch: bool = False) -> str:
     """The page's Python blocks, each line where it stands on the page."""
     text = page.read_text(encoding="utf-8")
     lines = [""] * text.count("\n")
     for block in _FENCE.finditer(text):
-        if block[2] == "python":
+        if block[2] == "python" and (with_torch or "from torch." not in block[3]):
             start = text.count("\n", 0, block.start(3))
             code = block[3].splitlines()
             lines[start : start + len(code)] = code
@@ -60,6 +61,17 @@ def test_the_code_of_a_page_runs_and_prints_the_output_in_its_comments(page: Pat
         pytest.importorskip("mujoco_warp", reason="needs the extra 'gpu'")
         program = _WITHOUT_DRIVER + program
     assert run(program).splitlines() == _PRINTED.findall(program)
+
+
+def test_the_code_of_a_page_that_needs_torch_runs_with_the_rest_of_it() -> None:
+    pages = [page for page in _PAGES if _program(page) != _program(page, with_torch=True)]
+    assert pages
+    pytest.importorskip("torch", reason="needs the extra 'torch'")
+    for page in pages:
+        program = _program(page, with_torch=True)
+        # PyTorch warns where a loader has more workers than the machine has cores.
+        output = run(program, warnings="ignore")
+        assert output.splitlines() == _PRINTED.findall(program)
 
 
 # Links, names and commands.
