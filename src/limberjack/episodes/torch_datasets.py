@@ -90,7 +90,7 @@ class Transitions(torch.utils.data.Dataset):
 
 
 class _Stream(torch.utils.data.IterableDataset):
-    """What `Batches` and `Sequences` have in common: shares of an epoch, and its order."""
+    """The base of `Batches` and `Sequences`: shares of an epoch, and its order."""
 
     def __init__(
         self, dataset: Dataset, seed: int | None, rank: int | None, ranks: int | None
