@@ -19,6 +19,7 @@ _ON_TENSORS = tuple(
 MADE_OF = {
     "limberjack.data": ("pyarrow", "data"),
     "limberjack.episodes.to_minari": ("minari", "minari"),
+    "limberjack.episodes.remote": ("fsspec", "data"),
     "limberjack.episodes.torch_datasets": ("torch", "torch"),
     "limberjack.adapters.rsl_rl": ("mujoco_warp", "gpu"),
     "limberjack.adapters.sb3": ("stable_baselines3", "sb3"),

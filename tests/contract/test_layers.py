@@ -70,6 +70,7 @@ _EVERYWHERE = {"dm_env", "mujoco", "numpy"}
 _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "dm_control": "limberjack.doctor.probes",
     "flax": "limberjack.training.learner",
+    "fsspec": "limberjack.episodes.remote",
     "gymnasium": ("limberjack.gym", "limberjack.gpu.vector"),  # each has a class of its own for it
     "glfw": "limberjack.mujoco.rendering.backends",
     "jax": "limberjack.training.learner",

@@ -11,8 +11,9 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from limberjack import suite
+from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.episode import Episode, Kept
-from limberjack.episodes.parquet import PYARROW
+from limberjack.episodes.parquet import PYARROW, Shard
 from limberjack.episodes.player import play_unit
 from limberjack.episodes.recipe import Recipe, recipe_of
 from limberjack.workers import prepare
@@ -24,9 +25,11 @@ __all__ = [
     "assert_equal",
     "copy",
     "damaged",
+    "folder_of",
     "hashes",
     "made",
     "of_64",
+    "path_of",
     "put",
     "recipe_for",
     "whole_hashes",
@@ -66,6 +69,17 @@ def of_64(where: _Task, kept: Kept = Kept()) -> float:  # noqa: B008 (it cannot 
     megabytes = 64.5 * recipe._group_nbytes / 1e6
     assert dataclasses.replace(recipe, file_mb=megabytes).block == 64
     return megabytes
+
+
+def path_of(shard: Shard) -> Path:
+    """The path of a file on this machine."""
+    assert isinstance(shard.path, Path)
+    return shard.path
+
+
+def folder_of(dataset: Dataset) -> Path:
+    """The folder of a dataset on this machine."""
+    return path_of(dataset.shards[0]).parents[1]
 
 
 def put(folder: Path, name: str, content: bytes) -> Path:

@@ -7,7 +7,7 @@ import pytest
 from limberjack.data import Dataset, Kept, collect, load
 from tests.plain_pictures import draw_without_shadows
 
-from .collected import ARM, PENDULUM, copy, of_64
+from .collected import ARM, PENDULUM, copy, of_64, path_of
 from .collected import damaged as damaged_content
 
 
@@ -42,7 +42,7 @@ def _no_shadows(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def damaged(pendulums: Dataset, tmp_path: Path) -> Path:
     """A copy of a dataset, a byte of whose first file has changed."""
-    path = pendulums.shards[0].path
+    path = path_of(pendulums.shards[0])
     folder = copy(path.parents[1], tmp_path / "damaged")
     (folder / "episodes" / path.name).write_bytes(damaged_content(path.read_bytes()))
     return folder

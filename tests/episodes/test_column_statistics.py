@@ -9,6 +9,8 @@ from limberjack.data import Dataset, Spread
 from limberjack.episodes import column_statistics
 from limberjack.episodes.column_statistics import QUANTILES, statistics_of
 
+from .collected import folder_of
+
 
 def _all(dataset: Dataset, name: str) -> np.ndarray:
     if name in ("actions", "rewards"):
@@ -38,7 +40,7 @@ def test_statistics_are_those_of_all_values(arms: Dataset) -> None:
 
 
 def test_statistics_of_a_dataset_have_the_bits_of_its_manifest(pendulums: Dataset) -> None:
-    folder = pendulums.shards[0].path.parents[1]
+    folder = folder_of(pendulums)
     listed = json.loads((folder / "dataset.json").read_text())["statistics"]
     found = pendulums.statistics()
     for name, spread in found.observations.items():

@@ -11,8 +11,9 @@ import pytest
 
 from limberjack.data import Batch, Dataset, inform, load, replay
 from limberjack.episodes.parquet import Shard
+from limberjack.episodes.places import Place
 
-from .collected import assert_equal, copy, hashes
+from .collected import assert_equal, copy, folder_of, hashes, path_of
 
 _FORMAT_1 = Path(__file__).parent / "format1"
 
@@ -71,7 +72,7 @@ def test_a_batch_may_be_changed_and_an_episode_may_not(pendulums: Dataset) -> No
 def test_files_are_read_when_they_are_needed(
     pendulums: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    opened: list[Path] = []
+    opened: list[Place] = []
     read = Shard.opened
 
     def counting(shard: Shard, *of: Sequence[str]) -> object:
@@ -79,7 +80,7 @@ def test_files_are_read_when_they_are_needed(
         return read(shard, *of)
 
     monkeypatch.setattr(Shard, "opened", counting)
-    dataset = load(pendulums.shards[0].path.parents[1])
+    dataset = load(folder_of(pendulums))
     assert opened == []
     next(iter(dataset))
     next(dataset.batches(10))
@@ -265,7 +266,7 @@ def test_the_figures_are_those_of_the_episodes_and_files(pendulums: Dataset) -> 
     assert information.summary.mean == np.mean(totals)
     assert information.summary.episodes == 70
     assert information.strata == {}
-    folder = pendulums.shards[0].path.parents[1]
+    folder = folder_of(pendulums)
     assert information.files == hashes(folder)
     assert information.nbytes == sum(path.stat().st_size for path in folder.glob("episodes/*"))
     content = json.loads(json.dumps(information.as_json()))
@@ -290,7 +291,7 @@ def test_damage_anywhere_is_found(damaged: Path) -> None:
 def test_another_file_of_the_same_size_is_found_by_its_hash(
     pendulums: Dataset, tmp_path: Path
 ) -> None:
-    path = pendulums.shards[0].path
+    path = path_of(pendulums.shards[0])
     folder = copy(path.parents[1], tmp_path / "changed")
     (folder / "dataset.json").write_text(
         (folder / "dataset.json").read_text().replace(hashes(folder)[path.name], "0" * 64)

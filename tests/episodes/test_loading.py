@@ -14,7 +14,7 @@ import pytest
 from limberjack.data import Dataset, collect, inform, load, replay
 from limberjack.episodes.parquet import Shard, encode
 
-from .collected import PENDULUM, copy, hashes, made, put
+from .collected import PENDULUM, copy, folder_of, hashes, made, path_of, put
 
 _FORMAT_1 = Path(__file__).parent / "format1"
 
@@ -29,7 +29,7 @@ def test_a_folder_without_a_dataset_is_refused(tmp_path: Path) -> None:
 @pytest.fixture
 def folder(pendulums: Dataset, tmp_path: Path) -> Path:
     """A copy of a dataset of two files, of seeds 0 to 63 and 64 to 69."""
-    return copy(pendulums.shards[0].path.parents[1], tmp_path / "copy")
+    return copy(folder_of(pendulums), tmp_path / "copy")
 
 
 _FIRST, _SECOND = "seeds-0000000000-0000000064.parquet", "seeds-0000000064-0000000070.parquet"
@@ -169,7 +169,7 @@ def test_nothing_is_added_to_a_dataset_of_format_1(tmp_path: Path) -> None:
 def test_a_file_in_a_folder_of_another_format_is_refused(
     old: bool, pendulums: Dataset, tmp_path: Path
 ) -> None:
-    source = pendulums.shards[0].path if old else next(_FORMAT_1.glob("*.parquet"))
+    source = path_of(pendulums.shards[0]) if old else next(_FORMAT_1.glob("*.parquet"))
     if old:
         (tmp_path / source.name).write_bytes(source.read_bytes())
     else:

@@ -19,16 +19,16 @@ from limberjack.episodes.manifest import (
     without,
 )
 
-from .collected import PENDULUM, copy, hashes
+from .collected import PENDULUM, copy, folder_of, hashes
 
 
 def _content(dataset: Dataset) -> dict[str, Any]:
-    return json.loads((dataset.shards[0].path.parents[1] / "dataset.json").read_text())
+    return json.loads((folder_of(dataset) / "dataset.json").read_text())
 
 
 def test_it_lists_the_files_and_their_returns(pendulums: Dataset) -> None:
     content = _content(pendulums)
-    folder = pendulums.shards[0].path.parents[1]
+    folder = folder_of(pendulums)
     assert content["recipe"] == json.loads(json.dumps(pendulums.recipe.as_json()))
     assert content["seeds"] == [[0, 70]]
     assert (content["episodes"], content["steps"]) == (70, 700)
@@ -42,7 +42,7 @@ def test_it_lists_the_files_and_their_returns(pendulums: Dataset) -> None:
 
 
 def test_it_is_read_as_it_was_written(pendulums: Dataset, tmp_path: Path) -> None:
-    folder = pendulums.shards[0].path.parents[1]
+    folder = folder_of(pendulums)
     manifest = Manifest.read(folder / "dataset.json")
     assert manifest is not None
     figures = [shard.figures() for shard in pendulums.shards]
@@ -103,7 +103,7 @@ def test_a_forged_manifest_is_refused(
     content = _content(pendulums)
     for name, value in changes.items():
         (content if name in content else content["files"][0])[name] = value
-    folder = copy(pendulums.shards[0].path.parents[1], tmp_path / "forged")
+    folder = copy(folder_of(pendulums), tmp_path / "forged")
     (folder / "dataset.json").write_text(json.dumps(content))
     for allow_gaps in (False, True):
         with pytest.raises(ValueError, match=message) as caught:
@@ -117,13 +117,13 @@ def test_a_huge_manifest_is_refused_before_it_is_read(
 ) -> None:
     monkeypatch.setattr("limberjack.episodes.manifest._MOST_BYTES", 100)
     with pytest.raises(ValueError, match="it has more than 100 bytes"):
-        load(pendulums.shards[0].path.parents[1])
+        load(folder_of(pendulums))
 
 
 def test_a_changed_byte_is_refused_or_changes_nothing_that_is_loaded(
     pendulums: Dataset, tmp_path: Path
 ) -> None:
-    folder = copy(pendulums.shards[0].path.parents[1], tmp_path / "changed")
+    folder = copy(folder_of(pendulums), tmp_path / "changed")
     path, draws, refused = folder / "dataset.json", random.Random(0), 0
     content = path.read_bytes()
     for _ in range(200):
@@ -185,7 +185,7 @@ def test_ranges_are_united_and_subtracted_as_sets_are() -> None:
 
 
 def test_a_file_is_named_by_its_seeds(pendulums: Dataset) -> None:
-    manifest = Manifest.read(pendulums.shards[0].path.parents[1] / "dataset.json")
+    manifest = Manifest.read(folder_of(pendulums) / "dataset.json")
     assert manifest is not None
     moved = dataclasses.replace(manifest.files[0], seeds=range(5, 9))
     assert moved.name == "seeds-0000000005-0000000009.parquet"

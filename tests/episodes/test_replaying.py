@@ -11,7 +11,7 @@ from limberjack.data import Dataset, Kept, collect, load, replay
 from limberjack.episodes.parquet import encode
 from limberjack.episodes.recipe import environments_of, other_versions
 
-from .collected import EVERYTHING, copy, put
+from .collected import EVERYTHING, copy, path_of, put
 
 
 def test_an_untouched_dataset_has_no_difference(pendulums: Dataset, arms: Dataset) -> None:
@@ -43,7 +43,7 @@ def _loaded(folder: Path) -> Dataset:
 
 
 def test_a_changed_file_is_found_by_its_hash(pendulums: Dataset, tmp_path: Path) -> None:
-    path = pendulums.shards[0].path
+    path = path_of(pendulums.shards[0])
     changed = copy(path.parents[1], tmp_path / "changed") / "episodes" / path.name
     content = bytearray(changed.read_bytes())
     content[len(content) // 3] ^= 1

@@ -13,6 +13,8 @@ import pytest
 
 from limberjack.data import Dataset, load
 
+from .collected import folder_of
+
 torch: Any = pytest.importorskip("torch", reason="needs the extra 'torch'")
 torch_datasets: Any = pytest.importorskip("limberjack.episodes.torch_datasets")
 
@@ -205,7 +207,7 @@ def _run_rank(rank: int, folder: Path, queue: Any) -> None:
 def test_the_processes_of_a_distributed_run_give_every_transition_once(
     pendulums: Dataset, actions: np.ndarray, tmp_path: Path
 ) -> None:
-    (tmp_path / "data").symlink_to(pendulums.shards[0].path.parents[1])
+    (tmp_path / "data").symlink_to(folder_of(pendulums))
     # Forked, as a loader's workers are on Linux: importing PyTorch again takes ten seconds.
     context = multiprocessing.get_context("fork")
     queue = context.Queue()

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 __all__ = ["DatasetFolder", "print_information", "reading_reported"]
 
 DatasetFolder = Annotated[
-    Path,
+    str,  # a Path would take a slash from a URL
     typer.Argument(
         metavar="DIR",
         help="The folder of a dataset, as `limberjack collect`, `run --out` and `solve --out` "
-        "write it.",
+        "write it, or its URL, such as https://host/walk.",
     ),
 ]
 
@@ -129,9 +129,9 @@ def _replay(
     typer.echo(f"{directory}: {len(dataset)} episodes, {dataset.steps:,} steps, every bit the same")
 
 
-def _refuse_recording(path: Path) -> None:
+def _refuse_recording(path: str) -> None:
     """Raises ValueError for a file, such as the recordings that earlier versions wrote."""
-    if path.suffix == ".npz":
+    if path.endswith(".npz"):
         raise ValueError(
             f"{path} is a recording of an earlier version; limberjack 0.1.0 is the last one that "
             "reads it. `limberjack solve --out DIR` now writes a dataset: replay DIR"
@@ -167,10 +167,13 @@ def _convert(
     """
     with reading_reported("convert"):
         from limberjack import data
+        from limberjack.episodes.places import place_of
         from limberjack.episodes.to_minari import to_minari
 
+        if out is None and not isinstance(place_of(directory), Path):
+            raise ValueError(f"{directory} is a URL: name the folder to write to with --out")
         dataset = data.load(directory)
-        root = directory / to if out is None else out
+        root = Path(directory, to) if out is None else out
         with show_units() as progress:
             progress.begin(len(dataset))
             name = to_minari(dataset, root, id, progress.show)

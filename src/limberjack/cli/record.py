@@ -41,11 +41,12 @@ _Colours = Annotated[
 ]
 _Out = Annotated[Path, typer.Option(metavar="FILE", help="The film; ends in .mp4 or .gif.")]
 _From = Annotated[
-    Path | None,
+    str | None,  # a Path would take a slash from a URL
     typer.Option(
         "--from",
         metavar="DIR",
-        help="Film the episode of --seed of a dataset that `limberjack collect` wrote.",
+        help="Film the episode of --seed of a dataset that `limberjack collect` wrote, in a "
+        "folder or at a URL.",
     ),
 ]
 _Camera = Annotated[

@@ -29,6 +29,7 @@ from limberjack.episodes.column_statistics import Statistics, statistics_of
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.manifest import MANIFEST, File, sha256_of
 from limberjack.episodes.parquet import Shard
+from limberjack.episodes.places import size_of
 from limberjack.episodes.reading import (
     Batch,
     Form,
@@ -487,7 +488,7 @@ def inform(dataset: Dataset, *, verify: bool = False) -> Information:
         dataset.recipe,
         dataset.seeds,
         dataset.steps,
-        sum(path.stat().st_size for path in paths),
+        sum(map(size_of, paths)),
         summarise(scores),
         strata(scores),
         dataset.sha256(),

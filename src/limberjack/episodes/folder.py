@@ -126,7 +126,7 @@ class Folder:
         self._targets: list[range] = []  # files to be written, in the order of their seeds
         self._left: dict[int, int] = {}  # episodes that one lacks, by its first seed
         self._part_of: dict[int, Shard] = {}  # the part that has a seed
-        self._seeds_in: collections.Counter[Path] = collections.Counter()  # of each part
+        self._seeds_in: collections.Counter[str] = collections.Counter()  # of each part
 
     def __enter__(self) -> "Folder":
         return self
@@ -240,7 +240,7 @@ class Folder:
             if seed in self._part_of or _range_with(seed, self._there) is not None:
                 continue
             self._part_of[seed] = part
-            self._seeds_in[part.path] += 1
+            self._seeds_in[part.path.name] += 1
             target = _range_with(seed, self._targets)
             if target is not None:
                 self._left[target.start] -= 1
@@ -270,10 +270,10 @@ class Folder:
         part_of = self._part_of
         self._write(seeds, lambda partial: join(self._recipe, seeds, part_of.__getitem__, partial))
         for seed in seeds:
-            path = part_of.pop(seed).path
-            self._seeds_in[path] -= 1
-            if not self._seeds_in[path]:
-                path.unlink(missing_ok=True)
+            name = part_of.pop(seed).path.name
+            self._seeds_in[name] -= 1
+            if not self._seeds_in[name]:
+                (self._parts / name).unlink(missing_ok=True)
 
     def _write(self, seeds: range, fill: Callable[[Path], object]) -> None:
         """Writes a file of episodes, and keeps its entry of the manifest."""

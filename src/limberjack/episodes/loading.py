@@ -1,6 +1,7 @@
-"""`load`: the `Dataset` in a folder, whose files are those that its manifest lists.
+"""`load`: the `Dataset` in a folder or at a URL, whose files are those that its manifest lists.
 
     dataset = load("data")                      # every file is there
+    dataset = load("s3://bucket/data")          # any URL of fsspec
     dataset = load("data", allow_gaps=True)     # those that are there; `dataset.gaps` lists seeds
 
 Only the manifest and footers are read.
@@ -13,6 +14,7 @@ from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.folder import calls_in, check_distinct
 from limberjack.episodes.manifest import EPISODES, MANIFEST, File, Manifest, united, without
 from limberjack.episodes.parquet import Shard
+from limberjack.episodes.places import Place, exists, named, place_of, size_of
 from limberjack.episodes.recipe import Recipe
 
 __all__ = ["load"]
@@ -24,25 +26,27 @@ def load(directory: Path | str, *, allow_gaps: bool = False) -> Dataset:
     """The dataset in a folder.
 
     Args:
-      directory: of the dataset, of this format or of format 1.
+      directory: of the dataset, of this format or of format 1; or its URL, such as
+        `https://host/walk`, which is read in place. A server that lists no folders needs a
+        manifest, and files that it does not list go unnoticed.
       allow_gaps: load the files that are there and are those of the manifest, or all if there is
         no manifest yet; `Dataset.gaps` lists the seeds that are missing.
 
     Raises:
-      OSError: the folder or a file cannot be read.
+      OSError: the folder or a file cannot be read, or a server does not answer.
       ValueError: there is no dataset, a file is damaged or belongs to another one, or two files
         have an episode of one seed. Without `allow_gaps`, a file is missing, is not listed in the
-        manifest, or has another size, or there is no manifest.
-      ImportError: the extra `data` is missing.
+        manifest, or has another size, or there is no manifest. Or there is no such protocol.
+      ImportError: the extra `data`, or a package that a protocol needs, is missing.
     """
-    folder = Path(directory)
-    if not folder.is_dir():
+    folder = place_of(directory)
+    if isinstance(folder, Path) and not folder.is_dir():
         raise ValueError(f"{folder} is no folder; expected one that `limberjack collect` wrote")
     manifest = Manifest.read(folder / MANIFEST)
     if manifest is not None:
         return _listed(folder, manifest, allow_gaps)
-    old = [Shard(path) for path in sorted(folder.glob("seeds-*.parquet"))]
-    shards = old or [Shard(path) for path in sorted((folder / EPISODES).glob("*.parquet"))]
+    old = [Shard(path) for path in named(folder, "seeds-*.parquet")]
+    shards = old or [Shard(path) for path in named(folder / EPISODES, "*.parquet")]
     if not shards:
         raise ValueError(
             f"{folder} has no complete file of a dataset; expected {EPISODES}/seeds-*.parquet, as "
@@ -60,7 +64,7 @@ def load(directory: Path | str, *, allow_gaps: bool = False) -> Dataset:
     return Dataset(shards)
 
 
-def _listed(folder: Path, manifest: Manifest, allow_gaps: bool) -> Dataset:
+def _listed(folder: Place, manifest: Manifest, allow_gaps: bool) -> Dataset:
     """The dataset of a manifest, with which its files are compared."""
     shards: list[Shard] = []
     for file in manifest.files:
@@ -74,7 +78,7 @@ def _listed(folder: Path, manifest: Manifest, allow_gaps: bool) -> Dataset:
                 "load(..., allow_gaps=True) does without it"
             )
     names = {file.name for file in manifest.files}
-    extra = sorted(p for p in (folder / EPISODES).glob("*") if p.name not in names)
+    extra = [path for path in named(folder / EPISODES, "*") if path.name not in names]
     if extra and not allow_gaps:
         raise ValueError(
             f"{extra[0]} is not listed in {MANIFEST}: `limberjack collect` has not finished, and "
@@ -95,11 +99,11 @@ def _listed(folder: Path, manifest: Manifest, allow_gaps: bool) -> Dataset:
     return Dataset(shards, files=manifest.files, gaps=gaps)
 
 
-def _difference(path: Path, file: File) -> str | None:
+def _difference(path: Place, file: File) -> str | None:
     """A sentence on the size of a file that is not the listed one."""
-    if not path.exists():
+    if not exists(path):
         return f"{path} is missing, which {MANIFEST} lists"
-    size = path.stat().st_size
+    size = size_of(path)
     return (
         None
         if size == file.nbytes
@@ -107,7 +111,7 @@ def _difference(path: Path, file: File) -> str | None:
     )
 
 
-def _checked(path: Path, file: File, recipe: Recipe) -> Shard:
+def _checked(path: Place, file: File, recipe: Recipe) -> Shard:
     """The file; raises ValueError if its footer has another recipe, seeds or rows than listed."""
     shard = Shard(path)
     difference = shard.recipe.difference(recipe)
@@ -121,9 +125,9 @@ def _checked(path: Path, file: File, recipe: Recipe) -> Shard:
     return shard
 
 
-def _command(folder: Path) -> str:
+def _command(folder: Place) -> str:
     """The command that finishes a dataset, as far as its log has it."""
-    calls = calls_in(folder)
+    calls = calls_in(folder) if isinstance(folder, Path) else []
     command = calls[-1].get("command") if calls else None
     if not isinstance(command, str) or not 0 < len(command) < _LONGEST:
         return "the call that collected it"

@@ -13,15 +13,13 @@ import dataclasses
 import hashlib
 import itertools
 import json
-import os
 import re
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 from limberjack.episodes.figures import Figures
+from limberjack.episodes.places import Place, exists, opened
 from limberjack.episodes.recipe import FORMAT, Recipe, is_whole, seeds_of
 from limberjack.utils.facts import title_of
-from limberjack.utils.files import open_regular
 
 __all__ = [
     "CARD_LINE",
@@ -124,16 +122,16 @@ class Manifest:
         return "{\n" + ",\n".join(lines) + "\n}\n"
 
     @classmethod
-    def read(cls, path: Path) -> "Manifest | None":
+    def read(cls, path: Place) -> "Manifest | None":
         """The manifest in a file; None if there is no such file.
 
         Raises:
           OSError: it cannot be read.
           ValueError: it is damaged, or something else.
         """
-        if not os.path.lexists(path):
+        if not exists(path):
             return None
-        with open_regular(path) as file:
+        with opened(path) as file:
             content = file.read(_MOST_BYTES + 1)
         try:
             if len(content) > _MOST_BYTES:
@@ -222,9 +220,9 @@ def named_seeds(name: str) -> range | None:
     return seeds if seeds else None
 
 
-def sha256_of(path: Path) -> str:
+def sha256_of(path: Place) -> str:
     """The SHA-256 of a file, in hex."""
-    with open_regular(path) as file:
+    with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -29,8 +29,8 @@ import numpy as np
 
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.figures import Figures
+from limberjack.episodes.places import Place, check_file, opened
 from limberjack.episodes.recipe import FIELD, FORMAT, OBSERVATION, Column, Recipe
-from limberjack.utils.files import check_regular
 from limberjack.utils.requirements import missing_extra
 
 try:
@@ -65,15 +65,15 @@ class Shard:
       lengths: steps of each episode.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Place) -> None:
         """Reads the footer.
 
         Raises:
           OSError: the file cannot be read.
           ValueError: it is not a regular file, or not one of a dataset.
         """
-        check_regular(path)
-        self.path = path
+        check_file(path)
+        self.path: Place = path
         with _damage_reported(path), _parquet_file(path) as file:
             text = (file.metadata.metadata or {}).get(_RECIPE)
             if text is None:
@@ -271,8 +271,10 @@ def join(recipe: Recipe, seeds: range, part_of: Callable[[int], Shard], file: Pa
         _write(recipe, seeds, tables(), opened)
 
 
-def _parquet_file(path: Path, **how: bool) -> pq.ParquetFile:
+def _parquet_file(path: Place, **how: bool) -> pq.ParquetFile:
     """An open file, which pyarrow's own functions refuse if its name is no text."""
+    if not isinstance(path, Path):
+        return pq.ParquetFile(opened(path), **how)
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -416,7 +418,7 @@ def _of_steps(column: Column, array: _Untyped) -> _Untyped:
 
 
 @contextlib.contextmanager
-def _damage_reported(path: Path) -> Iterator[None]:
+def _damage_reported(path: Place) -> Iterator[None]:
     """Turns the errors of a damaged file, of which there are many kinds, into ValueError."""
     try:
         yield
@@ -428,7 +430,7 @@ def _damage_reported(path: Path) -> Iterator[None]:
         raise _damaged(path, error) from error
 
 
-def _damaged(path: Path, reason: object) -> ValueError:
+def _damaged(path: Place, reason: object) -> ValueError:
     return ValueError(
         f"{path} is damaged or no file of a dataset ({reason}); remove it, and collect its seeds "
         "again"

@@ -11,13 +11,13 @@ import contextlib
 import dataclasses
 import itertools
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.parquet import Values, columns_of
+from limberjack.episodes.places import Place
 from limberjack.episodes.playing import Step, batch_for, play, recorded
 from limberjack.episodes.recipe import UNIT, Recipe, environments_of, other_versions
 from limberjack.episodes.starts import Starts
@@ -82,7 +82,7 @@ def replay(
     return None
 
 
-def _units(dataset: Dataset) -> Iterator[tuple[Path, list[Episode]]]:
+def _units(dataset: Dataset) -> Iterator[tuple[Place, list[Episode]]]:
     """The episodes in lists of up to 64, as a batch has rows, each with the file that has them."""
     for number, shard in enumerate(dataset.shards):
         episodes = dataset.episodes_of(number)

@@ -49,9 +49,9 @@ PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "video": _FILMS,
         "notebook": (*_FILMS, "ipykernel"),
-        "data": ("pyarrow",),
-        "torch": ("pyarrow", "torch"),
-        "minari": ("minari", "pillow", "pyarrow"),
+        "data": ("fsspec", "pyarrow"),
+        "torch": ("fsspec", "pyarrow", "torch"),
+        "minari": ("fsspec", "minari", "pillow", "pyarrow"),
         "onnx": ("onnx", "onnxruntime"),
         "sb3": ("sb3-contrib", "stable-baselines3"),
         "train": ("sbx-rl", "stable-baselines3", "tensorboard", "torch"),

@@ -1,0 +1,201 @@
+"""`Remote`: a file or folder at a URL that fsspec reads; needs the extra `data`.
+
+    folder = Remote("https://example.org/walk")
+    file = folder / "episodes" / "seeds-0000000000-0000000064.parquet"
+    with file.open() as opened:
+        opened.read(4)
+
+fsspec itself reads `memory://`, `ftp://`, `zip://` and others; `http://`, `s3://`, `hf://` and more
+need a package each, which its messages name. A copy in another process opens the file system again.
+This is the only module that imports fsspec.
+"""
+
+import contextlib
+import errno
+import fnmatch
+import io
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+from limberjack.utils.requirements import missing_extra
+
+try:
+    import fsspec  # pyright: ignore[reportMissingTypeStubs]
+    import fsspec.core  # pyright: ignore[reportMissingTypeStubs]
+except ImportError as error:
+    raise missing_extra("data") from error
+
+__all__ = ["Remote"]
+
+# Bytes that are read at once: an episode of a humanoid takes 0.7 MB.
+_BLOCK = 2**22
+
+_MISSING, _REFUSED = (404, 410), (401, 403, 405)  # statuses of HTTP
+
+_gives_parts: dict[str, bool] = {}  # by web server, see `Remote._gives_parts`
+
+_Files = Any  # a file system of fsspec, which has no types
+
+
+class Remote:
+    """See the module's docstring."""
+
+    def __init__(self, url: str, inside: tuple[str, ...] = ()) -> None:
+        """Opens the file system, which reads nothing.
+
+        Args:
+          url: of a file or folder.
+          inside: names of folders and a file in it.
+
+        Raises:
+          ImportError: a package that the protocol needs is not installed; the message names it.
+          ValueError: there is no such protocol.
+        """
+        self._url, self._inside = url.rstrip("/") if not url.endswith("://") else url, inside
+        files, _ = self._found()
+        if not inside:
+            files.invalidate_cache()  # of folders, which may have changed since they were listed
+
+    def _found(self) -> tuple[_Files, str]:
+        """The file system and the path in it; fsspec keeps one for each process and thread."""
+        try:
+            files, root = fsspec.core.url_to_fs(self._url)
+        except ImportError as error:
+            raise ImportError(f"needs another package to read {self._url} ({error})") from error
+        except ValueError as error:
+            raise ValueError(f"{self._url} is no URL that fsspec reads ({error})") from error
+        return files, "/".join([root.rstrip("/"), *self._inside])
+
+    def __truediv__(self, name: str) -> "Remote":
+        return Remote(self._url, (*self._inside, name))
+
+    def __str__(self) -> str:
+        return "/".join([self._url, *self._inside])
+
+    def __repr__(self) -> str:
+        return f"Remote({str(self)!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Remote) and str(other) == str(self)
+
+    def __hash__(self) -> int:
+        return hash(str(self))
+
+    @property
+    def name(self) -> str:
+        """The last part of the path."""
+        return str(self).rpartition("/")[2]
+
+    @property
+    def suffix(self) -> str:
+        """The ending of the name, with its dot."""
+        before, dot, ending = self.name.rpartition(".")
+        return dot + ending if before else ""
+
+    def exists(self) -> bool:
+        """Whether there is such a file or folder."""
+        files, path = self._found()
+        try:
+            with self._reported():
+                files.info(path)
+        except FileNotFoundError:
+            return False
+        return True
+
+    def size(self) -> int:
+        """The bytes of the file."""
+        files, path = self._found()
+        with self._reported():
+            size = files.size(path)
+        if size is None:
+            raise OSError(errno.EIO, "the server does not say how long it is", str(self))
+        return int(size)
+
+    def named(self, pattern: str) -> "list[Remote]":
+        """What is in the folder and matches; nothing where the server lists no folders."""
+        files, path = self._found()
+        try:
+            with self._reported():
+                listed = files.ls(path, detail=False)
+        except OSError as error:
+            if isinstance(error, FileNotFoundError) or _is_refused(error.__cause__):
+                return []
+            raise
+        # A page of links may also lead elsewhere.
+        begins = f"{path}/"
+        names = {one.rstrip("/").removeprefix(begins) for one in listed if one.startswith(begins)}
+        return [self / name for name in sorted(names) if fnmatch.fnmatchcase(name, pattern)]
+
+    def open(self) -> io.BufferedIOBase:
+        """The file, open for reading; the caller closes it."""
+        files, path = self._found()
+        with self._reported():
+            file = files.open(path, "rb", block_size=_BLOCK)
+            if not file.seekable():
+                with file:
+                    return io.BytesIO(file.read())
+            if "http" in files.protocol and not self._gives_parts(files, path):
+                with file:
+                    return io.BytesIO(files.cat_file(path))
+        return _Reported(self, file)
+
+    def _gives_parts(self, files: _Files, path: str) -> bool:
+        """Whether the web server gives parts of files; each is asked once."""
+        server = urlsplit(path).netloc
+        if server not in _gives_parts:
+            _gives_parts[server] = len(files.cat_file(path, start=0, end=1)) == 1
+        return _gives_parts[server]
+
+    @contextlib.contextmanager
+    def _reported(self) -> Iterator[None]:
+        """Turns the errors of a file system, which may be any, into OSError with a number."""
+        try:
+            yield
+        except Exception as error:
+            cause = error.__cause__ if isinstance(error, FileNotFoundError) else error
+            if cause is None or isinstance(cause, FileNotFoundError) or _is_missing(cause):
+                missing = "there is no such file"
+                raise FileNotFoundError(errno.ENOENT, missing, str(self)) from None
+            error = cause  # fsspec says that a file is missing if the server does not answer, too
+            reason = f"{type(error).__name__}: {error}".rstrip(": ")
+            raise OSError(errno.EIO, f"it cannot be read ({reason})", str(self)) from error
+
+
+def _is_missing(error: BaseException) -> bool:
+    """Whether a web server says that there is no such file."""
+    return getattr(error, "status", None) in _MISSING
+
+
+def _is_refused(error: BaseException | None) -> bool:
+    """Whether the file system, or a web server, lists no folders, or none to this user."""
+    status = getattr(error, "status", None)
+    return isinstance(error, PermissionError | NotImplementedError) or status in _REFUSED
+
+
+class _Reported(io.BufferedIOBase):
+    """A file of fsspec whose errors are those of `Remote`."""
+
+    def __init__(self, place: Remote, file: Any) -> None:
+        """Takes the file over; it is Any because fsspec has no types."""
+        self._place, self._file = place, file
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def read(self, size: int | None = -1) -> bytes:
+        with self._place._reported():
+            return self._file.read(-1 if size is None else size)
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
