@@ -1,6 +1,6 @@
 """A model of the dynamics, learned with PyTorch from a dataset that `limberjack collect` wrote.
 
-    pip install pyarrow torch
+    pip install fsspec pyarrow torch
     python examples/dataset_pytorch.py --steps 2000 --data reach
 
 Without --data it first collects 64 short episodes of random actions. `num_workers` of the

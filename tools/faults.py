@@ -438,6 +438,18 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("held = pool.take(order[leaving:]) if leaving < len(order) else None", "held = None"),
         ("self._nbytes -= oldest.nbytes", "self._nbytes = 0"),
     ],
+    "episodes/remote.py": [
+        ("isinstance(cause, FileNotFoundError) or _is_missing(cause)", "True"),
+        (" or _is_missing(cause):", ":"),
+        ("isinstance(error, FileNotFoundError) or _is_refused(error.__cause__)", "False"),
+        ("if one.startswith(begins)}", "}"),
+        ("start=0, end=1)) == 1", "start=0, end=1)) >= 1"),
+        ("fsspec.core.url_to_fs(self._url)", "fsspec.core.url_to_fs(str(self))"),
+    ],
+    "episodes/places.py": [
+        ("[a-z][a-z0-9+.-]+://", "[a-z][a-z0-9+.-]*:"),
+        ("url2pathname(urlsplit(name).path)", "urlsplit(name).path"),
+    ],
     "episodes/statistics.py": [
         ("np.mean(episode.rewards[-LAST_STEPS:])", "np.mean(episode.rewards[:LAST_STEPS])"),
         ("final = 0.0 if episode.diverged else", "final ="),
