@@ -254,7 +254,9 @@ def test_without_its_extra_the_command_names_the_packages(
     out = tmp_path / "out"
     result = invoke(*_PENDULUM, "--seeds", "0:1", "--out", str(out), "--format", "minari")
     assert result.exit_code == 1
-    expected = "limberjack collect needs the extra 'minari': pip install minari pillow pyarrow"
+    expected = (
+        "limberjack collect needs the extra 'minari': pip install fsspec minari pillow pyarrow"
+    )
     assert result.stderr == f"limberjack: {expected}\n"
     assert not out.exists()
 

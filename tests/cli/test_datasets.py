@@ -294,7 +294,7 @@ def test_without_minari_the_packages_are_named(
     monkeypatch.delitem(sys.modules, "limberjack.episodes.to_minari", raising=False)
     result = invoke("convert", str(_collected(tmp_path)), "--to", "minari")
     assert result.exit_code == 1
-    assert result.stderr.endswith("'minari': pip install minari pillow pyarrow\n")
+    assert result.stderr.endswith("'minari': pip install fsspec minari pillow pyarrow\n")
 
 
 def test_another_format_is_refused(tmp_path: Path) -> None:

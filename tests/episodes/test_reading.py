@@ -233,6 +233,10 @@ def test_episodes_that_were_not_used_for_long_make_room() -> None:
     assert recent.get(2) is rows[2]
     recent.put(1, rows[1])
     assert [recent.get(number) for number in (1, 2, 3)] == [rows[1], rows[2], None]
+    for number, again in enumerate(rows * 3, start=10):
+        recent.put(number, again)
+    kept = [found for number in range(30) if (found := recent.get(number)) is not None]
+    assert 0 < sum(found.nbytes for found in kept) <= rows[2].nbytes + rows[3].nbytes
     small = Recent(1)
     small.put(2, rows[2])
     assert small.get(2) is rows[2]

@@ -52,6 +52,18 @@ def test_a_dataset_on_a_web_server_is_read(handler: type[Whole], pendulums: Data
         _assert_read(url, pendulums)
 
 
+def test_a_page_of_links_is_no_list_of_what_lies_elsewhere(
+    pendulums: Dataset, tmp_path: Path
+) -> None:
+    pytest.importorskip("aiohttp", reason="needs aiohttp")
+    folder = copy(folder_of(pendulums), tmp_path / "data")
+    links = ["/other/mine.parquet", "https://example.org/mine.parquet", "../", "?order=name"]
+    page = "".join(f'<a href="{link}">link</a>' for link in links)
+    (folder / "episodes" / "index.html").write_text(page)
+    with serving(folder) as url:
+        assert load(url).steps == 700
+
+
 def test_a_server_that_has_no_dataset_or_does_not_answer_is_named(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp", reason="needs aiohttp")
     with serving(tmp_path) as url:

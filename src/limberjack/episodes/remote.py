@@ -14,6 +14,7 @@ import contextlib
 import errno
 import fnmatch
 import io
+import re
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -31,6 +32,7 @@ __all__ = ["Remote"]
 # Bytes that are read at once: an episode of a humanoid takes 0.7 MB.
 _BLOCK = 2**22
 
+_OTHER = re.compile(r"[/?#]|^$")  # in what is no name of a file
 _MISSING, _REFUSED = (404, 410), (401, 403, 405)  # statuses of HTTP
 
 _gives_parts: dict[str, bool] = {}  # by web server, see `Remote._gives_parts`
@@ -113,7 +115,7 @@ class Remote:
         return int(size)
 
     def named(self, pattern: str) -> "list[Remote]":
-        """What is in the folder and matches; nothing where the server lists no folders."""
+        """The files in the folder that match; none where the server lists no folders."""
         files, path = self._found()
         try:
             with self._reported():
@@ -122,10 +124,11 @@ class Remote:
             if isinstance(error, FileNotFoundError) or _is_refused(error.__cause__):
                 return []
             raise
-        # A page of links may also lead elsewhere.
+        # A page of links may also lead elsewhere, or to itself in another order.
         begins = f"{path}/"
         names = {one.rstrip("/").removeprefix(begins) for one in listed if one.startswith(begins)}
-        return [self / name for name in sorted(names) if fnmatch.fnmatchcase(name, pattern)]
+        found = [name for name in sorted(names) if not _OTHER.search(name)]
+        return [self / name for name in found if fnmatch.fnmatchcase(name, pattern)]
 
     def open(self) -> io.BufferedIOBase:
         """The file, open for reading; the caller closes it."""
