@@ -18,7 +18,7 @@ from limberjack.cli.datasets import reading_reported
 from limberjack.data import Kept, collect
 from limberjack.episodes.parquet import encode
 from limberjack.mujoco.fingerprint import versions
-from tests.episodes.collected import copy, damaged, hashes
+from tests.episodes.collected import copy, damaged, hashes, path_of
 
 from .conftest import invoke
 
@@ -39,6 +39,28 @@ def _with_a_forged_recipe(content: bytes) -> bytes:
     file = io.BytesIO()
     pq.write_table(table.replace_schema_metadata({b"limberjack": recipe}), file)
     return file.getvalue()
+
+
+def test_a_dataset_at_a_url_is_shown_and_played(tmp_path: Path) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="needs the extra 'data'")
+    folder = _collected(tmp_path)
+    files = fsspec.filesystem("memory")
+    files.put(str(folder), "/swing", recursive=True)
+    try:
+        url, here = (
+            invoke("info", "memory://swing", "--json"),
+            invoke("info", str(folder), "--json"),
+        )
+        assert url.exit_code == 0
+        assert url.stdout == here.stdout
+        result = invoke("replay", "memory://swing")
+        assert result.exit_code == 0
+        assert result.stdout.startswith("memory://swing: ")
+        result = invoke("convert", "memory://swing", "--to", "minari")
+        assert result.exit_code == 2
+        assert "memory://swing is a URL: name the folder to write to with --out" in result.stderr
+    finally:
+        files.rm("/swing", recursive=True)
 
 
 @pytest.mark.parametrize(
@@ -182,8 +204,9 @@ def _changed(folder: Path, row: int, **facts: object) -> Path:
     rewards = episode.rewards.copy()
     rewards[row] = np.nextafter(rewards[row], 1)
     recipe = dataclasses.replace(shard.recipe, facts={**shard.recipe.facts, **facts})
-    shard.path.write_bytes(encode(recipe, [dataclasses.replace(episode, rewards=rewards)]))
-    return shard.path
+    path = path_of(shard)
+    path.write_bytes(encode(recipe, [dataclasses.replace(episode, rewards=rewards)]))
+    return path
 
 
 def test_a_changed_bit_is_one_line_and_status_1(tmp_path: Path) -> None:

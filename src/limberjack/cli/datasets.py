@@ -168,13 +168,16 @@ def _convert(
     with reading_reported("convert"):
         from limberjack import data
         from limberjack.episodes.places import place_of
+
+        if out is None:
+            folder = place_of(directory)
+            if not isinstance(folder, Path):
+                raise ValueError(f"{directory} is a URL: name the folder to write to with --out")
+            out = folder / to
         from limberjack.episodes.to_minari import to_minari
 
-        if out is None and not isinstance(place_of(directory), Path):
-            raise ValueError(f"{directory} is a URL: name the folder to write to with --out")
         dataset = data.load(directory)
-        root = Path(directory, to) if out is None else out
         with show_units() as progress:
             progress.begin(len(dataset))
-            name = to_minari(dataset, root, id, progress.show)
-    typer.echo(f'MINARI_DATASETS_PATH={root}: minari.load_dataset("{name}")')
+            name = to_minari(dataset, out, id, progress.show)
+    typer.echo(f'MINARI_DATASETS_PATH={out}: minari.load_dataset("{name}")')
