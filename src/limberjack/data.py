@@ -6,6 +6,7 @@
     dataset = data.load("walk")
     for batch in dataset.batches(256, seed=0):
         learn(batch)
+    windows = dataset.windows(16, stride=8)     # and dataset[3], transitions, select, statistics
     data.replay(dataset)        # None: every bit is the same
 
 Finished files are in the subfolder `episodes`, which every reader of Parquet files opens. The

@@ -16,6 +16,7 @@ episodes by `transitions`. A dataset may come from anyone: nothing in it is exec
 file is an error that names it.
 """
 
+import bisect
 import contextlib
 import dataclasses
 import functools
@@ -118,6 +119,11 @@ class Dataset:
         return np.cumsum(self.lengths)
 
     @functools.cached_property
+    def _firsts(self) -> list[int]:
+        """The number of the first episode of each file."""
+        return [0, *itertools.accumulate(map(len, self._chosen[:-1]))]
+
+    @functools.cached_property
     def _observed(self) -> list[str]:
         """The names of the observations that are read."""
         names = [c.name.removeprefix(OBSERVATION) for c in self._columns()]
@@ -162,7 +168,9 @@ class Dataset:
         number = operator.index(index)
         if not -episodes <= number < episodes:
             raise IndexError(f"index {number} is out of range; there are {episodes} episodes")
-        return self.episode(self.seeds[number])
+        file, place = self._place(number % episodes)
+        with self.shards[file].opened() as read:
+            return read(self._chosen[file][place])
 
     def transitions(self, indices: Sequence[int] | np.ndarray) -> Batch:
         """Some transitions, in the order of their numbers as given.
@@ -198,7 +206,7 @@ class Dataset:
             raise ValueError(f"indices have shape {given.shape}; expected (N,), at least one")
         if given.dtype.kind not in "iu":
             raise TypeError(f"indices are {given.dtype}; expected whole numbers")
-        steps = self.steps
+        steps = int(self._ends[-1])
         outside = given[(given < -steps) | (given >= steps)]
         if len(outside):
             raise IndexError(f"index {outside[0]} is out of range; there are {steps} transitions")
@@ -206,20 +214,22 @@ class Dataset:
 
     def _rows_of(self, numbers: Iterable[int]) -> Iterator[Rows]:
         """The steps of some episodes, whose numbers increase; those not kept are read."""
-        firsts = np.cumsum([0, *map(len, self._chosen)])
-        numbers = [int(number) for number in numbers]
-        for file, here in itertools.groupby(
-            numbers, lambda number: int(np.searchsorted(firsts, number, side="right")) - 1
-        ):
+        places = ((int(number), *self._place(int(number))) for number in numbers)
+        for file, here in itertools.groupby(places, operator.itemgetter(1)):
             with contextlib.ExitStack() as opened:
                 read = None
-                for number in here:
+                for number, _, place in here:
                     rows = self._recent.get(number)
                     if rows is None:
                         read = read or opened.enter_context(self._opened(file))
-                        seed = self._chosen[file][number - int(firsts[file])]
+                        seed = self._chosen[file][place]
                         rows = self._recent.put(number, Rows([read(seed)], self._reading))
                     yield rows
+
+    def _place(self, number: int) -> tuple[int, int]:
+        """The number of the file of an episode, and that of the episode in it."""
+        file = bisect.bisect_right(self._firsts, number) - 1
+        return file, number - self._firsts[file]
 
     def _opened(self, number: int) -> contextlib.AbstractContextManager[Callable[[int], Episode]]:
         """A function that reads episodes of a file with the chosen observations."""
