@@ -32,7 +32,8 @@ __all__ = ["Remote"]
 # Bytes that are read at once: an episode of a humanoid takes 0.7 MB.
 _BLOCK = 2**22
 
-_OTHER = re.compile(r"[/?#]|^$")  # in what is no name of a file
+# In what is no name of a file: a page of links also leads elsewhere, or to itself in another order.
+_OTHER = re.compile(r"[/?#]|^$")
 _MISSING, _REFUSED = (404, 410), (401, 403, 405)  # statuses of HTTP
 
 _gives_parts: dict[str, bool] = {}  # by web server, see `Remote._gives_parts`
@@ -124,9 +125,8 @@ class Remote:
             if isinstance(error, FileNotFoundError) or _is_refused(error.__cause__):
                 return []
             raise
-        # A page of links may also lead elsewhere, or to itself in another order.
         begins = f"{path}/"
-        names = {one.rstrip("/").removeprefix(begins) for one in listed if one.startswith(begins)}
+        names = {one.rstrip("/").removeprefix(begins) for one in listed}
         found = [name for name in sorted(names) if not _OTHER.search(name)]
         return [self / name for name in found if fnmatch.fnmatchcase(name, pattern)]
 
