@@ -442,7 +442,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("isinstance(cause, FileNotFoundError) or _is_missing(cause)", "True"),
         (" or _is_missing(cause):", ":"),
         ("isinstance(error, FileNotFoundError) or _is_refused(error.__cause__)", "False"),
-        ("[/?#]|^$", "[?#]|^$"),
+        ("[/?#]|^$", "[/#]|^$"),
         ("start=0, end=1)) == 1", "start=0, end=1)) >= 1"),
         ("fsspec.core.url_to_fs(self._url)", "fsspec.core.url_to_fs(str(self))"),
     ],
