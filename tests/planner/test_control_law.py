@@ -71,3 +71,70 @@ def test_a_fixed_tendon_couples_its_joints_and_a_spatial_one_none() -> None:
       </mujoco>""")
     found = [joints_of_tendon(model, tendon) for tendon in range(2)]
     assert found == [[], [(1, 0.5), (0, -2.0)]]
+
+
+_ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body>
+      <joint name="narrow" axis="0 1 0" range="-0.4 0.4" limited="true" damping="0.5"/>
+      <geom type="sphere" size="0.1" mass="2"/>
+      <body pos="1 0 0">
+        <joint name="wide" axis="0 1 0" range="-3 3" limited="true"/>
+        <geom type="sphere" size="0.1" mass="2"/>
+      </body>
+    </body>
+    <body pos="0 9 0">
+      <joint name="free" axis="0 1 0"/>
+      <geom type="sphere" size="0.1" mass="2"/>
+    </body>
+    <body pos="0 18 0">
+      <joint name="rail" type="slide" axis="1 0 0" range="-2 2" limited="true" damping="0.5"/>
+      <geom type="sphere" size="0.1" mass="2"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="narrow" gear="10" ctrlrange="-1 1" ctrllimited="true"/>
+    <motor joint="wide" gear="-10" ctrlrange="-2 2" ctrllimited="true"/>
+    <motor joint="free" ctrlrange="-3 3" ctrllimited="true"/>
+    <motor joint="rail" gear="5"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_constants_that_are_left_open_come_from_ranges_and_gears() -> None:
+    model = mujoco.MjModel.from_xml_string(_ARM)
+    law = ControlLaw(model, Settings())
+    np.testing.assert_array_equal(law.follows, [True, True, False, True])
+    # Full control at a quarter of the range, which is at most half a radian of a hinge's.
+    np.testing.assert_allclose(law.gain, [1 / 0.2, -2 / 0.5, 1.0, 1 / 1.0])
+    # The rail carries 2 kg: half of critical damping is sqrt(1 * 5 * 2), less 0.5, over the gear.
+    assert law.damping[3] == pytest.approx((np.sqrt(10) - 0.5) / 5)
+    assert law.damping[1] < 0.0  # as its gear
+    assert law.damping[2] == 0.0
+    np.testing.assert_array_equal(law.scale, [0.4, 3.0, 3.0, 2.0])
+    assert law.noise == 1.0
+    # Targets end where the joint is pressed against its limit with full control.
+    far = np.full(4, 99.0)
+    np.testing.assert_allclose(law.within_limits(far), [0.6, 3.25, 3.0, 3.0])
+
+
+def test_a_derived_law_turns_joints_to_their_targets() -> None:
+    model = mujoco.MjModel.from_xml_string(_ARM)
+    model.opt.gravity[:] = 0.0
+    law, data = ControlLaw(model, Settings()), mujoco.MjData(model)
+    targets = np.array([0.2, -1.0, 0.0, 0.5])
+    for _ in range(5000):
+        data.ctrl = law.controls(targets, data.qpos, data.qvel)
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qpos[[0, 1, 3]], targets[[0, 1, 3]], atol=0.01)
+
+
+def test_a_gain_that_is_given_is_damped_by_the_model() -> None:
+    model = mujoco.MjModel.from_xml_string(_ARM)
+    law = ControlLaw(model, Settings(gain=4.0, noise=0.3))
+    assert law.follows.all()  # also the joint without limits
+    assert law.damping[3] == pytest.approx((np.sqrt(4 * 5 * 2) - 0.5) / 5)
+    assert (law.scale, law.noise) == (pytest.approx([1.0, 1.0, 1.0, 1.0]), 0.3)

@@ -1,5 +1,6 @@
 """Costs as weighted sums of named terms, the one that a task names, and the files it depends on."""
 
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import pytest
 import limberjack.planner
 from limberjack import suite
 from limberjack.planner import Cost, Planner, Settings
-from limberjack.planner.cost import cost_for, sources_for
+from limberjack.planner.cost import FunctionCost, cost_for, sources_for
 from limberjack.rl.control import Environment
 
 from .planned import PLANNED, SINGLE_STAGE
@@ -46,6 +47,42 @@ def test_a_cost_is_the_weighted_sum_of_its_terms_and_others_weigh_one() -> None:
     cost, height = _Crouch(env.task), env.physics.head_height()
     assert cost.weighted_terms(env.physics) == {"height": 2.0 * height, "one": 1.0}
     assert cost.step_cost(env.physics) == 2.0 * height + 1.0
+
+
+def test_a_weight_that_no_term_has_is_refused() -> None:
+    class Misspelt(_Crouch):
+        weights: ClassVar = {"one": 1.0, "hight": 2.0}
+
+    env = _env()
+    planner = Planner(env, num_threads=1, cost=Misspelt(env.task))
+    message = (
+        "weights of Misspelt name 'hight', which is none of its terms: height, one. "
+        "Did you mean 'height'?"
+    )
+    with pytest.raises(ValueError, match=re.escape(message)):
+        planner.act()
+
+
+def test_a_stage_may_lack_a_term_that_has_a_weight() -> None:
+    class Staged(_Crouch):
+        weights: ClassVar = {"of another stage": 2.0}
+
+        def stage(self) -> str:
+            return "down"
+
+    env = _env()
+    assert Staged(env.task).step_cost(env.physics) == env.physics.head_height() + 1.0
+
+
+def test_a_function_is_a_cost_whose_terms_it_returns() -> None:
+    env = _env()
+    height = env.physics.head_height()
+    named = FunctionCost(lambda physics: {"height": physics.head_height(), "twice": 2 * height})
+    assert named.weighted_terms(env.physics) == {"height": height, "twice": 2 * height}
+    assert named.step_cost(env.physics) == 3 * height
+    assert FunctionCost(lambda physics: physics.head_height()).terms(env.physics) == {
+        "cost": height
+    }
 
 
 def test_a_cost_without_terms_says_what_to_define() -> None:
@@ -134,6 +171,19 @@ def test_the_file_of_a_cost_outside_the_planner_comes_last(
     imported = {file for file in others if file.parent != _PLANNER}
     assert imported == {_PLANNER / "arm" / "path.py", _PLANNER / "stacker" / "tower.py"}
     del sys.modules["cost_of_mine"]
+
+
+def test_a_task_may_name_a_function_whose_file_it_depends_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "function_of_mine.py").write_text(
+        "def low(physics):\n    return {'height': physics.head_height()}\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    task = SimpleNamespace(planner_cost="function_of_mine:low")
+    assert list(cost_for(task).terms(_env().physics)) == ["height"]
+    assert sources_for(task)[-1] == tmp_path / "function_of_mine.py"
+    del sys.modules["function_of_mine"]
 
 
 def test_a_task_without_a_cost_is_told_what_to_write() -> None:

@@ -349,6 +349,87 @@ def test_a_cost_of_the_wrong_shape_is_named() -> None:
         planner.act()
 
 
+_QUICK = Settings(samples=8, horizon=0.1, knots=2, timestep=0.0125)
+
+
+def _planned_by(function: Any) -> Planner:
+    env = _load("humanoid", "stand")
+    env.reset()
+    planner = Planner(env, num_threads=1, cost=function, settings=_QUICK)
+    planner.act()
+    return planner
+
+
+def test_a_plain_function_is_a_cost() -> None:
+    bent = {}
+    for policy in ("planner", "zero"):
+        env = _load("walker", "stand")
+        env.reset()
+        planner = Planner(
+            env, num_threads=1, cost=lambda physics: {"height": -physics.torso_height()}
+        )
+        for _ in range(8):
+            env.step(planner.act() if policy == "planner" else np.zeros(6))
+        bent[policy] = float(env.physics.torso_height())
+    assert bent["planner"] > bent["zero"] + 0.01
+    assert list(_planned_by(lambda physics: physics.head_height()).explain().terms) == ["cost"]
+
+
+def _with_an_if(physics: Any) -> dict[str, np.ndarray]:
+    if physics.head_height() > 1.0:
+        return {"height": physics.head_height()}
+    return {"height": 2.0 * physics.head_height()}
+
+
+def test_an_if_over_rows_is_explained_as_in_a_batch() -> None:
+    with pytest.raises(ValueError, match="cost _with_an_if raises ValueError") as error:
+        _planned_by(_with_an_if)
+    assert "in a batch of 32 rows, but not in a single simulation" in str(error.value)
+    assert "`if physics.head_height() > 1.0:`" in str(error.value)
+    assert "write np.maximum and np.where for max() and if" in str(error.value)
+
+
+def test_a_mistake_that_is_none_of_rows_is_raised_as_it_is() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'heed_height'"):
+        _planned_by(lambda physics: {"height": physics.heed_height()})
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (
+            lambda physics: {
+                "far": np.linalg.norm(physics.velocity()),
+                "ok": physics.head_height(),
+            },
+            r"term 'far' of cost <lambda> has shape \(\) in a batch of 32; expected \(32,\): index",
+        ),
+        (
+            lambda physics: {"joints": physics.joint_angles()},
+            r"term 'joints' of cost <lambda> has shape \(32, 21\) in a batch of 32",
+        ),
+        (lambda physics: {"name": "high"}, "term 'name' of cost <lambda> has dtype <U4; expected"),
+        (
+            lambda physics: {"ok": physics.head_height(), "gap": physics.head_height() * np.nan},
+            "no plan has a finite cost: 'gap' of <lambda> is nan; expected finite numbers",
+        ),
+    ],
+)
+def test_a_term_that_is_no_number_for_each_state_is_named(function: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        _planned_by(function)
+
+
+def test_a_term_of_a_class_may_be_one_number_for_all_states() -> None:
+    class Resting(Cost):
+        settings = _QUICK
+
+        def terms(self, physics: Any) -> dict[str, Any]:
+            return {"height": physics.head_height(), "stage": 2.0}
+
+    assert _planned_by(Resting(None)).explain().terms["stage"] == 2.0
+
+
 def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
     class Broken(_Towards):
         def step_cost(self, physics: Any) -> np.ndarray:
@@ -365,8 +446,16 @@ def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
 
 def test_what_is_no_environment_of_ours_is_refused() -> None:
     env: Any = gymnasium.make("limberjack/humanoid-stand-v0")
-    with pytest.raises(TypeError, match=r"env is of type .*; expected a limberjack\.rl"):
+    with pytest.raises(TypeError, match=r"env is of type .*; expected a limberjack\.rl") as error:
         Planner(env)
+    assert "which is env.unwrapped.environment here" in str(error.value)
+    env.reset(seed=0)
+    inner = env.unwrapped.environment
+    action = Planner(inner, num_threads=1, settings=_small(inner)).act()
+    assert env.action_space.contains(action.astype(np.float32))
+    other: Any = object()
+    with pytest.raises(TypeError, match=r"type object; expected a .*, as suite.load returns"):
+        Planner(other)
 
 
 def test_run_finds_the_planner_by_name() -> None:

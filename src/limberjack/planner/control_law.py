@@ -7,6 +7,8 @@
 A plan is a spline of targets: joint angles for actuators that turn a joint, on request the mean
 angle for one that turns several by a fixed tendon, controls for others. A plan of angles stays
 good when the state differs from the predicted one; a plan of torques does not.
+
+Constants that the settings leave open are derived from the model, for each actuator.
 """
 
 import mujoco
@@ -20,6 +22,12 @@ __all__ = ["ControlLaw", "joints_of_tendon"]
 
 _UNLIMITED = -np.inf, np.inf
 
+# Derived constants. A motor that reaches its full control at a quarter of its joint's range can
+# press it against either limit, and plans are still fine-grained between them.
+_FULL_CONTROL_AT = 0.25  # of the range
+_LARGEST_ERROR = 0.5  # radians; a hinge with a wide range would hang limply otherwise
+_DAMPING_RATIO = 0.5  # of critical damping: little overshoot, and swings are not stifled
+
 
 class ControlLaw:
     """A proportional law with damping, within the controls' limits."""
@@ -30,6 +38,9 @@ class ControlLaw:
         # An actuator that is a servo already takes its target as control.
         is_motor = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
         self.follows: np.ndarray = is_motor & np.array([len(of) > 0 for of in turned], bool)
+        first = np.array([of[0][0] if of else 0 for of in turned], int)  # whose limits count
+        if settings.gain is None:
+            self.follows &= model.jnt_limited[first].astype(bool) & (_strength(model) != 0)
         # Factors of a state that give the actuators' angles, or their velocities.
         self._positions = np.zeros((model.nq, model.nu))
         self._velocities = np.zeros((model.nv, model.nu))
@@ -38,20 +49,27 @@ class ControlLaw:
         self.low, self.high = limits.T
         ranges = limits.copy()
         for actuator in np.flatnonzero(self.follows):
-            first = turned[actuator][0][0]  # the joint whose limits count
-            ranges[actuator] = model.jnt_range[first] if model.jnt_limited[first] else _UNLIMITED
+            joint = first[actuator]
+            ranges[actuator] = model.jnt_range[joint] if model.jnt_limited[joint] else _UNLIMITED
             for joint, part in turned[actuator]:
                 self._positions[model.jnt_qposadr[joint], actuator] = part
                 self._velocities[model.jnt_dofadr[joint], actuator] = part
         self._angles, self._rates = _picked(self._positions), _picked(self._velocities)
-        self.gain: np.ndarray = np.where(self.follows, settings.gain, 1.0)
-        self.damping: np.ndarray = np.where(self.follows, settings.damping, 0.0)
+        gain = _derived_gain(model, first, limits) if settings.gain is None else settings.gain
+        self.gain: np.ndarray = np.where(self.follows, gain, 1.0)
+        damping = settings.damping
+        if damping is None:
+            damping = _derived_damping(model, first, self.gain)
+        self.damping: np.ndarray = np.where(self.follows, damping, 0.0)
         # A target may lie beyond a joint's limit, so that the joint is pressed against it.
-        reach = self.follows / settings.gain
+        reach = self.follows / np.abs(self.gain)
         self._lowest, self._highest = ranges[:, 0] - reach, ranges[:, 1] + reach
         half = np.where(limited, (self.high - self.low) / 2, 1.0)
-        # Scale of the noise of each target.
+        # Scale of the noise of each target, and the largest noise in units of it.
         self.scale: np.ndarray = np.where(self.follows, 1.0, half)
+        self.noise = 1.0 if settings.noise is None else settings.noise
+        if settings.noise is None:
+            self.scale[self.follows] = _half_range(model, first)[self.follows]
 
     def held(self, qpos: np.ndarray) -> np.ndarray:
         """The targets that keep the current angles, and no control elsewhere, (nu,)."""
@@ -96,6 +114,39 @@ class ControlLaw:
             if step % interval == 0:  # counted from the end
                 history.record(step // interval - 1)
         return rollouts.diverged()
+
+
+def _strength(model: mujoco.MjModel) -> np.ndarray:
+    """Force or torque on each actuator's joint per unit of control, (nu,)."""
+    return model.actuator_gear[:, 0] * model.actuator_gainprm[:, 0]
+
+
+def _half_range(model: mujoco.MjModel, joints: np.ndarray) -> np.ndarray:
+    """Half of the joints' ranges, of one without limits half a turn or a metre, (len(joints),)."""
+    is_hinge = model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE.value
+    unlimited = np.where(is_hinge, np.pi, 1.0)
+    low, high = model.jnt_range[joints].T
+    return np.where(model.jnt_limited[joints], (high - low) / 2, unlimited)
+
+
+def _derived_gain(model: mujoco.MjModel, joints: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Control per unit of error, (nu,): full control where the error is a part of the range."""
+    full = np.abs(limits).max(axis=-1)
+    full[np.isinf(full)] = 1.0
+    is_hinge = model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE.value
+    error = 2 * _FULL_CONTROL_AT * _half_range(model, joints)
+    error = np.where(is_hinge, np.minimum(error, _LARGEST_ERROR), error)
+    return np.sign(_strength(model)) * full / error
+
+
+def _derived_damping(model: mujoco.MjModel, joints: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """Control per unit of velocity, (nu,): that of a damped spring of the joint's inertia."""
+    dofs = model.jnt_dofadr[joints]
+    inertia = 1.0 / np.maximum(model.dof_invweight0[dofs], mujoco.mjMINVAL)
+    strength = _strength(model)
+    wanted = 2 * _DAMPING_RATIO * np.sqrt(np.abs(gain * strength) * inertia)
+    lacking = np.maximum(wanted - model.dof_damping[dofs], 0.0)
+    return lacking / np.where(strength == 0, np.inf, strength)
 
 
 def _picked(parts: np.ndarray) -> np.ndarray | None:

@@ -16,25 +16,43 @@
 the task, including `task.get_reward(physics)`, are available with the states as leading axis. It
 receives all states of all plans at once, because NumPy takes hardly longer for many.
 
-A task names its cost in `planner_cost`, as "module:Class"; `cost_for(task)` makes one.
+A plain function of the physics that returns such terms, or their sum, is a cost too:
+
+    planner = Planner(env, cost=lambda physics: {"height": physics.head_height()})
+
+A task names its cost in `planner_cost`, as "module:Class" or "module:function"; `cost_for(task)`
+makes one.
 """
 
 import ast
 import importlib
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from limberjack.planner.settings import Settings
+from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["AnyPhysics", "AnyTask", "Cost", "cost_for", "sources_for"]
+__all__ = [
+    "AnyPhysics",
+    "AnyTask",
+    "Cost",
+    "CostFunction",
+    "FunctionCost",
+    "cost_for",
+    "name_of",
+    "sources_for",
+]
 
 # Any: of the domain's own classes, whose methods a cost calls.
 AnyPhysics = Any
 AnyTask = Any
+
+# Of N states as a batch of simulations, to the cost's terms by name or their sum, (N,) each.
+CostFunction = Callable[[AnyPhysics], Mapping[str, np.ndarray] | np.ndarray]
 
 
 class Cost:
@@ -95,9 +113,20 @@ class Cost:
         return sum(self.weighted_terms(physics).values(), start=np.zeros(()))
 
     def weighted_terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
-        """The terms times their weights, by name, (N,) each."""
-        terms = self.terms(physics).items()
-        return {name: self.weights.get(name, 1.0) * term for name, term in terms}
+        """The terms times their weights, by name, (N,) each.
+
+        Raises:
+          ValueError: no term has the name of a weight. A cost with stages may have terms in some of
+            them only, so its weights are not compared.
+        """
+        terms = self.terms(physics)
+        if type(self).stage is Cost.stage and not self.weights.keys() <= terms.keys():
+            name = next(name for name in self.weights if name not in terms)
+            raise ValueError(
+                f"weights of {name_of(self)} name {name!r}, which is none of its terms: "
+                f"{', '.join(terms)}.{did_you_mean(name, terms)}"
+            )
+        return {name: self.weights.get(name, 1.0) * term for name, term in terms.items()}
 
     def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray | None:
         """Plans to try in addition to variations of the current one, (n, knots, nu), or None.
@@ -130,6 +159,26 @@ class Cost:
         """Called at each control step with the current targets, (nu,)."""
 
 
+class FunctionCost(Cost):
+    """The cost that a plain function returns; all settings have their defaults."""
+
+    def __init__(self, function: CostFunction) -> None:
+        """Takes the function."""
+        super().__init__(None)
+        self.function = function
+
+    def terms(self, physics: AnyPhysics) -> Mapping[str, np.ndarray]:
+        """The function's terms; a sum is the one term 'cost'."""
+        found = self.function(physics)
+        return found if isinstance(found, Mapping) else {"cost": found}
+
+
+def name_of(cost: Cost) -> str:
+    """A cost's name in messages: that of its class or its function."""
+    defined = cost.function if isinstance(cost, FunctionCost) else type(cost)
+    return getattr(defined, "__name__", type(defined).__name__)
+
+
 def cost_for(task: object) -> Cost:
     """An instance of the cost that a task names in `planner_cost`.
 
@@ -140,9 +189,10 @@ def cost_for(task: object) -> Cost:
     if name is None:
         raise ValueError(
             f"the planner knows no cost for tasks of type {kind}: write a subclass of "
-            "limberjack.planner.Cost whose step_cost(physics) returns the cost of each state of a "
-            "batch, shape (N,), and pass it as Planner(env, cost=...), or name it in the task as "
-            "planner_cost = 'module:Class'; see docs/planner.md and examples/planner_cost.py"
+            "limberjack.planner.Cost whose terms(physics) returns named terms of each state of a "
+            "batch, {name: (N,)}, or a function of physics that does, and pass it as "
+            "Planner(env, cost=...), or name it in the task as planner_cost = 'module:name'; see "
+            "docs/planner.md and examples/planner_cost.py"
         )
     module, _, named = str(name).partition(":")
     try:
@@ -150,13 +200,16 @@ def cost_for(task: object) -> Cost:
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(
             f"planner_cost of {kind} is {name!r}; expected 'module:Class' of a "
-            f"limberjack.planner.Cost: {error}"
+            f"limberjack.planner.Cost, or 'module:function': {error}"
         ) from error
-    if not (isinstance(found, type) and issubclass(found, Cost)):
+    if isinstance(found, type) and issubclass(found, Cost):
+        return found(task)
+    if not inspect.isfunction(found):
         raise ValueError(
-            f"planner_cost of {kind} is {name!r}, not a subclass of limberjack.planner.Cost"
+            f"planner_cost of {kind} is {name!r}, not a subclass of limberjack.planner.Cost and "
+            "not a function"
         )
-    return found(task)
+    return FunctionCost(found)
 
 
 def sources_for(task: object) -> list[Path]:
@@ -169,7 +222,9 @@ def sources_for(task: object) -> list[Path]:
       ValueError: see `cost_for`.
     """
     package = Path(__file__).parent.resolve()
-    own = Path(inspect.getfile(type(cost_for(task)))).resolve()
+    cost = cost_for(task)
+    defined = cost.function if isinstance(cost, FunctionCost) else type(cost)
+    own = Path(inspect.getfile(defined)).resolve()  # pyright: ignore[reportArgumentType]
     files, due = set[Path](), [*package.glob("*.py"), own]
     while due:
         file = due.pop()

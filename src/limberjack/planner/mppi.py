@@ -19,7 +19,9 @@ The planner reads the environment's simulator state, not its observations, and n
 The same seed gives the same actions for any number of threads, unless a time budget is given.
 """
 
+import contextlib
 import enum
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco
@@ -27,13 +29,14 @@ import numpy as np
 
 from limberjack.mujoco.simulation import model_fields, without_calls
 from limberjack.planner.control_law import ControlLaw
-from limberjack.planner.cost import Cost, cost_for
+from limberjack.planner.cost import AnyPhysics, Cost, CostFunction, FunctionCost, cost_for, name_of
 from limberjack.planner.planning_model import enable_sleep, planning_model_of
 from limberjack.planner.rollouts import Budget, Rollouts
 from limberjack.planner.servos import Servos
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import knot_weights, targets_at
 from limberjack.rl import control
+from limberjack.rl.batch_errors import NotVectorised, raised_in_a_batch, wrong_shape
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.arrays import rows_of_a_batch
 from limberjack.utils.cores import usable_cores
@@ -58,7 +61,7 @@ class Planner:
         env: control.Environment,
         num_threads: int | None = None,
         seed: int = 0,
-        cost: Cost | None = None,
+        cost: Cost | CostFunction | None = None,
         settings: Settings | None = None,
         max_ms: float | None = None,
     ) -> None:
@@ -68,7 +71,8 @@ class Planner:
           env: a `control.Environment`, of the suite or your own.
           num_threads: number of simulation threads; all usable cores by default.
           seed: seed of the samples; each episode draws the same stream.
-          cost: the cost to minimise; by default the one that the environment's task names.
+          cost: the cost to minimise, or a function that returns its terms; by default the one that
+            the environment's task names.
           settings: replace the cost's settings.
           max_ms: milliseconds that a planning step should take, for live use: it tries fewer
             samples if there is no time for all. Actions then depend on the clock and are not
@@ -81,7 +85,10 @@ class Planner:
         """
         _check_arguments(env, num_threads, cost, settings)
         self._env, self._seed = env, seed
+        if cost is not None and not isinstance(cost, Cost):
+            cost = FunctionCost(cost)
         self._cost = cost_for(env.task) if cost is None else cost
+        self._is_checked = False  # whether the shapes of the cost's terms have been compared
         self._settings = settings = self._cost.settings if settings is None else settings
         self._law = self._follower = ControlLaw(env.physics.model._model, settings)
         self._budget = Budget(max_ms, settings.samples)
@@ -222,7 +229,7 @@ class Planner:
             proposed[:, 0, law.follows] = current[0, law.follows]
         # Log-uniform: coarse samples find another path, fine ones bring the last millimetre.
         scales = np.exp(self._random.uniform(np.log(settings.finest), 0.0, len(varied)))
-        scales *= settings.noise * self._cost.noise_scale
+        scales *= law.noise * self._cost.noise_scale
         noise = self._random.standard_normal(varied.shape)
         varied += scales[:, None, None] * law.scale * noise
         samples[1:] = law.within_limits(samples[1:])
@@ -246,14 +253,14 @@ class Planner:
         proposals = np.zeros((0, *shape)) if returned is None else np.asarray(returned, float)
         if proposals.shape[1:] != shape:
             raise ValueError(
-                f"proposals of {type(self._cost).__name__} returned shape {proposals.shape}; "
+                f"proposals of {name_of(self._cost)} returned shape {proposals.shape}; "
                 f"expected (n, {shape[0]}, {shape[1]}), for {shape[0]} knots (as the planner's "
                 "settings say) and the actuators"
             )
         proposals = proposals[: self._settings.samples // 2]
         if not np.isfinite(proposals).all():
             raise ValueError(
-                f"proposals of {type(self._cost).__name__} returned numbers that are not finite; "
+                f"proposals of {name_of(self._cost)} returned numbers that are not finite; "
                 "expected finite targets"
             )
         return proposals
@@ -269,21 +276,75 @@ class Planner:
             rollouts.load(saved)
             diverged = self._follower.follow(rollouts, samples, phases, self._substeps, interval)
             cost = self._step_costs(rollouts).reshape(-1, len(samples)).mean(axis=0)
-            if rollouts.history.is_complete:
-                return np.where(diverged | ~np.isfinite(cost), np.inf, cost)
-            # The cost read fields that are recorded from now on.
+            if not rollouts.history.is_complete:
+                continue  # the cost read fields that are recorded from now on
+            unusable = diverged | ~np.isfinite(cost)
+            if unusable.all() and not diverged.all():
+                raise self._without_a_finite_cost(rollouts, diverged)
+            return np.where(unusable, np.inf, cost)
 
     def _step_costs(self, rollouts: Rollouts) -> np.ndarray:
         """The cost of each recorded state, (states * samples,)."""
         states = rollouts.history.num_envs or 0
-        with rows_of_a_batch(states):
+        if not self._is_checked:
+            self._check_terms(rollouts.seen, states)
+        with rows_of_a_batch(states), self._explained(states):
             cost = np.asarray(self._cost.step_cost(rollouts.seen))
         if cost.shape != (states,) or cost.dtype.kind not in "biuf":
             raise ValueError(
-                f"step_cost of {type(self._cost).__name__} returned shape {cost.shape} and dtype "
+                f"step_cost of {name_of(self._cost)} returned shape {cost.shape} and dtype "
                 f"{cost.dtype}; expected numbers of shape {(states,)}, one cost for each state"
             )
         return cost
+
+    def _check_terms(self, seen: AnyPhysics, states: int) -> None:
+        """Raises ValueError unless each term has one number for each state.
+
+        A term of a class may be one number for all states, as in a stage that lacks it. Of a
+        function it is a mistake: a norm or a sum over all states.
+        """
+        self._is_checked = True
+        if type(self._cost).terms is Cost.terms:
+            return
+        with rows_of_a_batch(states), self._explained(states):
+            terms = self._cost.terms(seen)
+        shapes = [(states,)] if isinstance(self._cost, FunctionCost) else [(states,), ()]
+        for name, term in terms.items():
+            found = np.asarray(term)
+            what = f"term {name!r} of cost {name_of(self._cost)}"
+            if found.dtype.kind not in "biuf":
+                raise ValueError(f"{what} has dtype {found.dtype}; expected numbers")
+            if found.shape not in shapes:
+                raise wrong_shape(what, found.shape, (states,))
+
+    @contextlib.contextmanager
+    def _explained(self, states: int) -> Iterator[None]:
+        """Explains an error that the cost raises in a batch, and not in a single simulation."""
+        try:
+            yield
+        except NotVectorised:
+            raise
+        except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as error:
+            self._cost.step_cost(self._now)  # raises the same error if rows have no part in it
+            what = f"cost {name_of(self._cost)}"
+            raise raised_in_a_batch(what, error, states) from error
+
+    def _without_a_finite_cost(self, rollouts: Rollouts, diverged: np.ndarray) -> ValueError:
+        """The error for a cost that is infinite or NaN in each plan, with the terms that are."""
+        states, samples = rollouts.history.num_envs or 0, len(diverged)
+        with rows_of_a_batch(states):
+            terms = self._cost.weighted_terms(rollouts.seen)
+        bad, values = [], ""
+        for name, term in terms.items():
+            of_plans = np.broadcast_to(term, states).reshape(-1, samples)[:, ~diverged]
+            wrong = of_plans[~np.isfinite(of_plans)]
+            if wrong.size:
+                bad.append(repr(name))
+                values = values or f"{wrong[0]}"
+        return ValueError(
+            f"no plan has a finite cost: {', '.join(bad) or 'step_cost'} of {name_of(self._cost)} "
+            f"is {values or 'not finite'}; expected finite numbers"
+        )
 
 
 def _name_of(stage: object) -> str:
@@ -295,22 +356,30 @@ def _name_of(stage: object) -> str:
 
 
 def _check_arguments(
-    env: object, num_threads: int | None, cost: Cost | None, settings: Settings | None
+    env: object,
+    num_threads: int | None,
+    cost: Cost | CostFunction | None,
+    settings: Settings | None,
 ) -> None:
     """Raises ValueError or TypeError for arguments that cannot be planned with."""
     if not isinstance(env, control.Environment):
+        inner = getattr(getattr(env, "unwrapped", None), "environment", None)
+        instead = "as suite.load returns"
+        if isinstance(inner, control.Environment):  # in an environment of Gymnasium's
+            instead = "which is env.unwrapped.environment here"
         raise TypeError(
             f"env is of type {type(env).__name__}; expected a limberjack.rl.control.Environment, "
-            "as suite.load returns"
+            f"{instead}"
         )
     if num_threads is not None:
         at_least_one("num_threads", num_threads)
-    for name, value, kind in (("cost", cost, Cost), ("settings", settings, Settings)):
-        if value is not None and not isinstance(value, kind):
-            given = f"{value.__name__} itself" if isinstance(value, type) else type(value).__name__
-            made = "an instance of a subclass, such as MyCost(env.task)"
-            expected = made if kind is Cost else "Settings(...)"
-            raise TypeError(f"{name} is {given}; expected {expected}")
+    if isinstance(cost, type) or not (cost is None or isinstance(cost, Cost) or callable(cost)):
+        raise TypeError(
+            f"cost is {_described(cost)}; expected an instance of a subclass of Cost, such as "
+            "MyCost(env.task), or a function of physics that returns the cost's terms"
+        )
+    if settings is not None and not isinstance(settings, Settings):
+        raise TypeError(f"settings is {_described(settings)}; expected Settings(...)")
     controls = (env.physics.model.nu,)
     actions = env.action_spec().shape
     if actions != controls or not controls[0]:
@@ -318,6 +387,10 @@ def _check_arguments(
             f"actions have shape {actions} and the model {controls[0]} actuators; the planner "
             "expects one action element per actuator, and at least one actuator"
         )
+
+
+def _described(value: object) -> str:
+    return f"{value.__name__} itself" if isinstance(value, type) else type(value).__name__
 
 
 def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -> np.ndarray:

@@ -30,12 +30,15 @@ class Settings:
       armature: armature added to each hinge of the actuated bodies in the planning model, kg m2.
         Light fingers pressed against an object otherwise oscillate at a long time step, and the
         object slips, in the planning model only.
-      gain: control per radian between a joint and its target.
-      damping: control per radian per second of a joint's velocity.
+      gain: control per radian between a joint and its target. None derives it for each motor: full
+        control at a quarter of the joint's range, at most half a radian; motors on joints without
+        limits then take controls as targets.
+      damping: control per radian per second of a joint's velocity. None derives it from the gain,
+        the gear and the joint's inertia: half of critical damping, less the joint's own.
       tendons: whether motors on fixed tendons also follow an angle: the mean of the joints,
         weighted as in the tendon's length. These joints must have equal limits.
       noise: largest standard deviation of sampled targets: radians for joints, fractions of half
-        the range for directly controlled actuators.
+        the range for directly controlled actuators. None is half the range, of joints too.
       finest: smallest standard deviation of sampled targets, as a fraction of `noise`.
       temperature: scale of the cost differences at which samples lose weight, as a fraction of the
         difference between the best sample and the worst of the best eighth.
@@ -59,10 +62,10 @@ class Settings:
     interval: int = 1
     timestep: float | None = None
     armature: float = 0.0
-    gain: float = 1.5
-    damping: float = 0.0
+    gain: float | None = None
+    damping: float | None = None
     tendons: bool = False
-    noise: float = 0.5
+    noise: float | None = None
     finest: float = 0.03
     temperature: float = 0.3
     flowing: bool = False
@@ -84,7 +87,7 @@ class Settings:
         for name, what in expected.items():
             value = getattr(self, name)
             is_number = isinstance(value, int | float | np.number) and np.isfinite(value)
-            if name == "timestep" and value is None:
+            if name in ("timestep", "gain", "damping", "noise") and value is None:
                 continue
             if not is_number or value < 0 or (value == 0 and name in positive):
                 raise ValueError(f"{name} is {value!r}; expected {what}")

@@ -15,7 +15,7 @@ from types import FrameType
 
 import numpy as np
 
-__all__ = ["Finding", "NotVectorised", "explained"]
+__all__ = ["Finding", "NotVectorised", "explained", "raised_in_a_batch", "wrong_shape"]
 
 _ADVICE = (
     "index with `...`, reduce over axis -1, and write np.maximum and np.where for max() and if: "
@@ -72,10 +72,7 @@ class Finding:
         if found.shape == () == expected.shape and self.label.startswith(_MAY_BE_ONE):
             found = np.broadcast_to(found, shape)
         if found.shape != shape:
-            raise NotVectorised(
-                f"{self.label} of task {self.task} has shape {found.shape} in a batch of "
-                f"{self.num_rows}; expected {shape}: {_ADVICE}"
-            )
+            raise wrong_shape(f"{self.label} of task {self.task}", found.shape, shape)
         if self.label.startswith("observation") and found.dtype != expected.dtype:
             raise NotVectorised(
                 f"{self.label} of task {self.task} has dtype {found.dtype} in a batch; expected "
@@ -157,10 +154,22 @@ def explained(
         frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
         names = [label for label in expected if label.startswith("observation ")]
         label = _current_observation(frames, names) or what
-        raise NotVectorised(
-            f"{label} of task {task} raises {type(error).__name__} in a batch of {num_rows} rows, "
-            f"but not in a single simulation: {error} ({_place(error)}); {_ADVICE}"
-        ) from error
+        raise raised_in_a_batch(f"{label} of task {task}", error, num_rows) from error
+
+
+def raised_in_a_batch(what: str, error: BaseException, num_rows: int) -> NotVectorised:
+    """The error for code that raised in a batch, and does not in a single simulation."""
+    return NotVectorised(
+        f"{what} raises {type(error).__name__} in a batch of {num_rows} rows, but not in a single "
+        f"simulation: {error} ({_place(error)}); {_ADVICE}"
+    )
+
+
+def wrong_shape(what: str, found: tuple[int, ...], expected: tuple[int, ...]) -> NotVectorised:
+    """The error for a quantity of another shape than one value for each row demands."""
+    return NotVectorised(
+        f"{what} has shape {found} in a batch of {expected[0]}; expected {expected}: {_ADVICE}"
+    )
 
 
 def _current_observation(frames: Sequence[FrameType], labels: Sequence[str]) -> str | None:

@@ -17,6 +17,7 @@ from limberjack.utils.arrays import Quantity
 __all__ = [
     "ARM",
     "CLOSED",
+    "GAIN",
     "LONGEST",
     "OPEN",
     "OPEN_ANGLE",
@@ -48,6 +49,7 @@ PLANE = [0, 2]  # x and z of a position
 LONGEST = 0.25  # metres; scale of distances, about half of the arm's reach
 PLAY = 1.3  # a hold counts as perfect from 1 / PLAY on: a little slip costs nothing
 
+GAIN = 5.0  # control per radian of the motors; see `sag`
 SETTINGS = Settings(
     samples=64,
     horizon=0.5,
@@ -55,7 +57,8 @@ SETTINGS = Settings(
     interval=3,
     # Contacts are no stiffer than twice the time step: at 0.01 the grasp slips.
     timestep=0.005,
-    gain=5.0,
+    gain=GAIN,
+    damping=0.0,
     noise=0.5,
     finest=0.03,
 )

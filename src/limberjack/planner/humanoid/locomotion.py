@@ -28,7 +28,16 @@ _CONTROL_STEP = 0.025  # seconds; the task's
 
 # To stand, few wide samples do. Moving takes many samples, and a damped control law: without it,
 # light limbs oscillate at the rate of control, which costs effort.
-_STAND = Settings(samples=64, horizon=0.6, knots=4, timestep=0.0125, gain=2.5, finest=0.1)
+_STAND = Settings(
+    samples=64,
+    horizon=0.6,
+    knots=4,
+    timestep=0.0125,
+    gain=2.5,
+    damping=0.0,
+    noise=0.5,
+    finest=0.1,
+)
 _WALK = dataclasses.replace(
     _STAND, samples=96, horizon=0.5, knots=6, gain=3.0, damping=0.03, noise=0.8
 )

@@ -11,7 +11,7 @@ import numpy as np
 
 from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import NamedFields
-from limberjack.planner.arm.hand import ARM, LONGEST, PLANE, loose, sag
+from limberjack.planner.arm.hand import ARM, GAIN, LONGEST, PLANE, loose, sag
 from limberjack.planner.arm.proposals import Proposal, lifts, straight_to
 from limberjack.planner.cost import AnyTask, Cost
 from limberjack.planner.manipulator.fetch import Fetch, Stage
@@ -46,7 +46,7 @@ class Bring(Cost):
         fetch.observe(data)
         fetch.update(physics)
         if isinstance(fetch.prop, Peg):
-            self._sag = sag(physics, self.settings.gain)
+            self._sag = sag(physics, GAIN)
             if fetch.has:
                 self._search_target(fetch.prop, data)
 

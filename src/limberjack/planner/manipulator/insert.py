@@ -12,7 +12,7 @@ import numpy as np
 
 from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import NamedFields
-from limberjack.planner.arm.hand import ARM, LONGEST, OPEN_ANGLE, PLANE, loose, sag
+from limberjack.planner.arm.hand import ARM, GAIN, LONGEST, OPEN_ANGLE, PLANE, loose, sag
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, lifts, plans_of, straight_to
@@ -88,7 +88,7 @@ class Insert(Cost):
             self._sag, self.noise_scale = np.zeros(4), 0.1
             return
         fetch.update(physics)
-        self._sag = sag(physics, self.settings.gain)
+        self._sag = sag(physics, GAIN)
         if fetch.has:
             self._carry_on(physics)
         self.noise_scale = slot.noise_scale if self._at_mouth else 1.0

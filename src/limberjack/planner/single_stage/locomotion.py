@@ -16,7 +16,7 @@ __all__ = ["Cheetah", "Hopper", "Quadruped", "Walker"]
 class Cheetah(Cost):
     """The missing speed, and a torso that tilts too far to run."""
 
-    settings = Settings(horizon=0.5, knots=7, samples=64, gain=2.5, noise=1.0)
+    settings = Settings(horizon=0.5, knots=7, samples=64, gain=2.5, damping=0.0, noise=1.0)
     weights: ClassVar = {"tilt": 0.3, "effort": 0.02}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:

@@ -22,7 +22,15 @@ class Dog(Cost):
     """The factors' missing parts, torso and pelvis below their height, the tilt and the effort."""
 
     settings = Settings(
-        horizon=0.6, knots=5, samples=40, interval=2, timestep=0.0075, cost_interval=3, noise=0.5
+        horizon=0.6,
+        knots=5,
+        samples=40,
+        interval=2,
+        timestep=0.0075,
+        cost_interval=3,
+        gain=1.5,
+        damping=0.0,
+        noise=0.5,
     )
     weights: ClassVar = {"factors": 2.0, "height": 4.0, "tilt": 1.0, "effort": 0.02}
 

@@ -13,11 +13,13 @@ from limberjack.planner.settings import Settings
 
 __all__ = ["Acrobot", "Cartpole", "Pendulum"]
 
+_SPREAD = 2.0  # radians; standard deviation of the pendulum's targets
+
 
 class Pendulum(Cost):
     """The pole's missing height, and its speed where it is up."""
 
-    settings = Settings(horizon=1.5, knots=8, samples=64, gain=1.0, damping=0.3, noise=2.0)
+    settings = Settings(horizon=1.5, knots=8, samples=64, gain=1.0, damping=0.3, noise=_SPREAD)
     weights: ClassVar = {"motion": 0.02}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
@@ -32,7 +34,7 @@ class Pendulum(Cost):
 
     def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray:
         """Plans around the pole's angle: without limits, targets can drift out of reach."""
-        noise = random.normal(scale=self.settings.noise, size=(24, self.settings.knots, 1))
+        noise = random.normal(scale=_SPREAD, size=(24, self.settings.knots, 1))
         return physics.position() + noise
 
 

@@ -33,7 +33,9 @@ class PointMass(Cost):
 class Regulator(Cost):
     """The cost that the task itself has, of positions and forces, and of what speed will cost."""
 
-    settings = Settings(horizon=2.0, knots=10, samples=48, interval=2, noise=1.0)
+    settings = Settings(
+        horizon=2.0, knots=10, samples=48, interval=2, gain=1.5, damping=0.0, noise=1.0
+    )
     weights: ClassVar = {"motion": 0.5}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
@@ -47,7 +49,9 @@ class Regulator(Cost):
 class Swimmer(Cost):
     """The nose's distance from the target."""
 
-    settings = Settings(horizon=1.2, knots=8, samples=48, interval=2, gain=1.0, noise=1.0)
+    settings = Settings(
+        horizon=1.2, knots=8, samples=48, interval=2, gain=1.0, damping=0.0, noise=1.0
+    )
     weights: ClassVar = {"distance": 1.0}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
