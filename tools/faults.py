@@ -496,6 +496,50 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if len(set(installed.values())) > 1:", "if len(set(installed.values())) > 2:"),
         ('package.partition("[")[0]', "package"),
     ],
+    "planner/control_law.py": [
+        ("reach = self.follows / np.abs(self.gain)", "reach = self.follows / self.gain"),
+        ("np.minimum(error, _LARGEST_ERROR)", "error"),
+        ("wanted - model.dof_damping[dofs]", "wanted"),
+        ("angles + wanted / self.gain", "angles + wanted * self.gain"),
+    ],
+    "planner/cost.py": [
+        ("type(self).stage is Cost.stage and not", "not"),
+    ],
+    "planner/history.py": [
+        ("array[-(self.num_envs or 1) :]", "array[: self.num_envs or 1]"),
+    ],
+    "planner/optimisers/base.py": [
+        ("[: count // 2]", "[:count]"),
+        (" if iteration == 0 else search.proposals[:0]", ""),
+        ("max(2, samples // self.iterations)", "samples"),
+        ("    times[0] = times[-1] = 1.0\n", ""),
+    ],
+    "planner/optimisers/icem.py": [
+        ("[search.elites, proposals]", "[proposals, search.elites]"),
+        ("min(max(2, round(self.elites * len(samples))), finite)", "round(0.15 * len(samples))"),
+        ("np.ones(()) if is_last else spread", "spread"),
+        ("self.momentum * search.current +", "self.momentum * elites[0] +"),
+    ],
+    "planner/optimisers/mppi.py": [
+        ("rank = max(1, len(costs) // 8)", "rank = len(costs) - 1"),
+    ],
+    "planner/plan_costs.py": [
+        ("cost = cost + last", "cost = last"),
+        ("diverged | ~np.isfinite(cost)", "~np.isfinite(cost)"),
+        ("unusable.all() and not diverged.all()", "unusable.all()"),
+        ("[(states,)] if isinstance(self._cost, FunctionCost) else ", ""),
+        ("        getattr(self._cost, method)(self._now)  # raises", "        pass  # raises"),
+    ],
+    "planner/planner.py": [
+        ("self._settings.samples // _POLICY_SHARE", "self._settings.samples // 2"),
+        ("[of_policy, self._proposals]", "[self._proposals, of_policy]"),
+        ("knot_weights(len(knots), later) @ elites", "elites"),
+    ],
+    "planner/policy_plans.py": [
+        ("                physics.set_control(action)\n", ""),
+        ("        plans[1:] += scales", "        plans += scales[:1]"),
+        ("(targets - weights @ plan)", "targets"),
+    ],
     "policies/mlp.py": [
         (
             "            if os.fstat(file.fileno()).st_size > _MOST_BYTES:\n",

@@ -114,6 +114,7 @@ _STANDS_ALONE = (
     "limberjack.gym.made",  # of Gymnasium's own, for what converts to its formats
     "limberjack.gpu.speed",
     "limberjack.planner.arm.roadmap",
+    "limberjack.planner.optimisers.icem",  # for settings of users; no cost of the suite's has it
     "limberjack.episodes.films",
     "limberjack.adapters.sb3",
     "limberjack.see.notebook",

@@ -138,3 +138,13 @@ def test_a_gain_that_is_given_is_damped_by_the_model() -> None:
     assert law.follows.all()  # also the joint without limits
     assert law.damping[3] == pytest.approx((np.sqrt(4 * 5 * 2) - 0.5) / 5)
     assert (law.scale, law.noise) == (pytest.approx([1.0, 1.0, 1.0, 1.0]), 0.3)
+
+
+def test_the_targets_of_controls_ask_for_these_controls() -> None:
+    model = mujoco.MjModel.from_xml_string(_ARM)
+    law = ControlLaw(model, Settings())
+    qpos, qvel = np.array([0.1, -0.5, 2.0, 0.3]), np.array([0.4, 1.0, -2.0, -0.2])
+    controls = np.array([0.3, -0.8, 1.5, 0.2])
+    targets = law.targets_of(controls, qpos, qvel)
+    assert targets[2] == 1.5  # its control
+    np.testing.assert_allclose(law.controls(targets, qpos, qvel), controls)

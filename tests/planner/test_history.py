@@ -159,3 +159,19 @@ def test_all_steps_at_once_are_noted_as_one_after_the_other() -> None:
     at_once.record_all(values_of)
     for expected, found in zip(_seen(seen[0]), _seen(seen[1]), strict=True):
         np.testing.assert_array_equal(found, expected)
+
+
+def test_the_last_step_is_read_by_itself() -> None:
+    physics = _batch()
+    history = History(physics.simulation, _MOMENTS)
+    seen, last = history.read_by(physics), history.last_read_by(physics)
+    assert (last.num_envs, seen.num_envs) == (4, 4 * _MOMENTS)
+    _seen(last)
+    assert not history.is_complete  # what it reads is recorded from now on, too
+    for _ in range(2):
+        live = _played(physics, history)
+        for now, noted in zip(live[-1], _seen(last), strict=True):
+            np.testing.assert_array_equal(noted, now)
+        assert history.is_complete
+    with pytest.raises(AttributeError, match="recorded states have no 'step'"):
+        last.simulation.step(1)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from limberjack import suite
-from limberjack.planner import Planner, Settings
+from limberjack.planner import MPPI, Planner, Settings
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ from limberjack.planner import Planner, Settings
             {"proposal_interval": 2, "anchored": True},
             "proposal_interval is 2; expected 1, as plans are anchored",
         ),
-        ({"finest": 2.0}, "finest is 2.0; expected a fraction of `noise`, at most 1"),
+        ({"optimiser": MPPI}, "optimiser is <class .*MPPI'>; expected one such as MPPI"),
         ({"timestep": 0.004}, "must be an integer multiple"),
     ],
 )

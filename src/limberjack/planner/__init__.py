@@ -7,11 +7,14 @@
     while not time_step.last():
         time_step = env.step(planner.act())
 
-For your own task, pass `cost=`, an instance of a subclass of `Cost`. See docs/planner.md.
+For your own task, pass `cost=`: a function of the physics, or an instance of a subclass of `Cost`.
+See docs/planner.md.
 """
 
 from limberjack.planner.cost import Cost, cost_for
-from limberjack.planner.mppi import Planner
+from limberjack.planner.optimisers.icem import ICEM
+from limberjack.planner.optimisers.mppi import MPPI
+from limberjack.planner.planner import Planner
 from limberjack.planner.settings import Settings
 
-__all__ = ["Cost", "Planner", "Settings", "cost_for"]
+__all__ = ["ICEM", "MPPI", "Cost", "Planner", "Settings", "cost_for"]

@@ -88,6 +88,12 @@ class ControlLaw:
         np.maximum(wanted, self.low, out=wanted)
         return np.minimum(wanted, self.high, out=wanted)
 
+    def targets_of(self, controls: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """The targets for which `controls` gives these controls in a state, (..., nu)."""
+        wanted = controls + self.damping * _turned(qvel, self._velocities, self._rates)
+        angles = _turned(qpos, self._positions, self._angles)
+        return np.where(self.follows, angles + wanted / self.gain, controls)
+
     def follow(
         self,
         rollouts: Rollouts,

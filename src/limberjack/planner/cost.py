@@ -128,6 +128,16 @@ class Cost:
             )
         return {name: self.weights.get(name, 1.0) * term for name, term in terms.items()}
 
+    def terminal(self, physics: AnyPhysics) -> np.ndarray | None:
+        """Cost of what follows a plan's horizon, such as a learned value, (N,); None for nothing.
+
+        It is added to the mean of the plan's step costs.
+
+        Args:
+          physics: the N last states of rollouts of plans, as for `terms`.
+        """
+        return None
+
     def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray | None:
         """Plans to try in addition to variations of the current one, (n, knots, nu), or None.
 

@@ -33,12 +33,14 @@ class History:
     Attributes:
       is_complete: whether all fields read since `begin` had been recorded.
       num_envs: number of recorded states.
+      num_last: number of states of the last step.
     """
 
     def __init__(self, simulation: BatchSimulation, steps: int) -> None:
         """Creates a record of a batch; nothing is recorded yet."""
         self._simulation, self._steps = simulation, steps
-        self.num_envs: int | None = steps * (simulation.num_envs or 1)
+        self.num_last = simulation.num_envs or 1  # states of one step
+        self.num_envs: int | None = steps * self.num_last
         self._kept: dict[_Key, np.ndarray] = {}  # (steps, num_envs, columns) each
         self._wanted: dict[_Key, np.ndarray] = {}  # whether a column is read, (columns,)
         self._parts: dict[_Key, list[slice]] = {}  # of the columns that are recorded
@@ -102,15 +104,29 @@ class History:
         Of a field that it reads by names, only the columns that it reads are recorded.
         """
 
-        def field(name: str) -> _Field:
-            return self._field((_BY_NAMES, name))
+        return self._read_through(physics, self, self.field_by_names)
 
-        seen, names = physics.seen_through(self), Names(self.model.structure)
+    def last_read_by(self, physics: Any) -> Any:  # of the domain's own class
+        """The batch's physics evaluated on the states of the last step."""
+        last = _Last(self)
+        return self._read_through(physics, last, lambda name: last.of(self.field_by_names(name)))
+
+    def _read_through(
+        self,
+        physics: Any,  # of the domain's own class
+        fields: "History | _Last",
+        by_names: Callable[[str], _Field],
+    ) -> Any:
+        seen, names = physics.seen_through(fields), Names(self.model.structure)
         seen.named = NamedIndexStructs(
-            NamedFields("MjModel", self.model_field, names),
-            NamedFields("MjData", field, names, self._indexer),
+            NamedFields("MjModel", fields.model_field, names),
+            NamedFields("MjData", by_names, names, self._indexer),
         )
         return seen
+
+    def field_by_names(self, name: str) -> _Field:
+        """A field of the data whose columns are recorded as they are read."""
+        return self._field((_BY_NAMES, name))
 
     def _live_field(self, key: _Key) -> _Field:
         read, name = key
@@ -142,6 +158,37 @@ class History:
 
     def _indexer(self, name: str, field: np.ndarray, axes: Axes, batch: bool) -> FieldIndexer:
         return _Recorded(self, (_BY_NAMES, name), field, axes)
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise AttributeError(
+            f"recorded states have no {name!r}: they can be read, not stepped or changed"
+        )
+
+
+class _Last:
+    """The fields of a record's last step."""
+
+    def __init__(self, history: History) -> None:
+        self._history = history
+        self.num_envs: int | None = history.num_last
+
+    @property
+    def model(self) -> Any:  # as of a record
+        """The model that the simulations have in common."""
+        return self._history.model
+
+    def of(self, field: _Field) -> _Field:
+        """The last step's part of a field of all steps."""
+        array, has_rows = field
+        return (array[-(self.num_envs or 1) :] if has_rows else array), has_rows
+
+    def data_field(self, name: str) -> _Field:
+        """A field of the data, one row per simulation."""
+        return self.of(self._history.data_field(name))
+
+    def model_field(self, name: str) -> _Field:
+        """A field of the model, and whether each row has values of its own."""
+        return self.of(self._history.model_field(name))
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(

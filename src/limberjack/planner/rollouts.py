@@ -29,6 +29,7 @@ class Rollouts:
       simulation: steps them.
       history: the record of their states.
       seen: the recorded states as a physics, (states * samples, ...), to be read only.
+      at_horizon: the last of these, (samples, ...).
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Rollouts:
         self.physics, self.simulation = replicas.physics, replicas.simulation
         self.history = History(self.simulation, states)
         self.seen = self.history.read_by(self.physics)
+        self.at_horizon = self.history.last_read_by(self.physics)
         self._records: dict[str, np.ndarray] = {}  # of `roll_out`, written over by the next one
 
     def load(self, saved: Mapping[str, np.ndarray]) -> None:

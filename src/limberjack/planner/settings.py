@@ -10,6 +10,9 @@ import dataclasses
 
 import numpy as np
 
+from limberjack.planner.optimisers.base import Optimiser
+from limberjack.planner.optimisers.mppi import MPPI
+
 __all__ = ["Settings"]
 
 
@@ -39,9 +42,7 @@ class Settings:
         weighted as in the tendon's length. These joints must have equal limits.
       noise: largest standard deviation of sampled targets: radians for joints, fractions of half
         the range for directly controlled actuators. None is half the range, of joints too.
-      finest: smallest standard deviation of sampled targets, as a fraction of `noise`.
-      temperature: scale of the cost differences at which samples lose weight, as a fraction of the
-        difference between the best sample and the worst of the best eighth.
+      optimiser: the way from samples and their costs to a new plan, with its own constants.
       flowing: whether proposals begin at the targets of the current plan. A moving joint lags
         behind its target, so a target at its current position would stop it abruptly.
       proposal_interval: planning steps between calls of `proposals`, unless the cost's stage
@@ -66,8 +67,7 @@ class Settings:
     damping: float | None = None
     tendons: bool = False
     noise: float | None = None
-    finest: float = 0.03
-    temperature: float = 0.3
+    optimiser: Optimiser = dataclasses.field(default_factory=MPPI)
     flowing: bool = False
     proposal_interval: int = 1
     cost_interval: int = 1
@@ -81,7 +81,7 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
-        positive = ("horizon", "gain", "noise", "finest", "temperature", "timestep")
+        positive = ("horizon", "gain", "noise", "timestep")
         expected = dict.fromkeys(positive, "a positive number")
         expected |= dict.fromkeys(("damping", "armature"), "a number from 0 up")
         for name, what in expected.items():
@@ -95,9 +95,9 @@ class Settings:
             raise ValueError(
                 f"proposal_interval is {self.proposal_interval}; expected 1, as plans are anchored"
             )
-        if self.finest > 1:
+        if not isinstance(self.optimiser, Optimiser):
             raise ValueError(
-                f"finest is {self.finest!r}; expected a fraction of `noise`, at most 1"
+                f"optimiser is {self.optimiser!r}; expected one such as MPPI() or ICEM()"
             )
 
     @property

@@ -60,7 +60,6 @@ SETTINGS = Settings(
     gain=GAIN,
     damping=0.0,
     noise=0.5,
-    finest=0.03,
 )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from limberjack.planner.cost import AnyPhysics, AnyTask, Cost
 from limberjack.planner.humanoid.gait import STEP, Gait, postures, strides
+from limberjack.planner.optimisers.mppi import MPPI
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import targets_at
 from limberjack.utils import arrays
@@ -36,7 +37,7 @@ _STAND = Settings(
     gain=2.5,
     damping=0.0,
     noise=0.5,
-    finest=0.1,
+    optimiser=MPPI(finest=0.1),
 )
 _WALK = dataclasses.replace(
     _STAND, samples=96, horizon=0.5, knots=6, gain=3.0, damping=0.03, noise=0.8

@@ -28,6 +28,7 @@ from limberjack.planner.arm.hand import (
 )
 from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 from limberjack.planner.cost import AnyTask
+from limberjack.planner.optimisers.mppi import MPPI
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 
@@ -64,7 +65,7 @@ _BALL_SETTINGS = dataclasses.replace(
     # Lighter fingers are pressed through the object that they should grasp.
     armature=0.001,
     # A good plan among many bad ones is rare, and must not be lost in their mean.
-    temperature=0.1,
+    optimiser=MPPI(temperature=0.1),
     # Fingers that come with the right opening close soon: at most at 2 radians per second.
     tendons=True,
     cost_interval=3,

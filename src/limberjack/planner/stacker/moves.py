@@ -35,6 +35,7 @@ from limberjack.planner.arm.kinematics import (
     joints_along,
 )
 from limberjack.planner.arm.proposals import plans_along
+from limberjack.planner.optimisers.mppi import MPPI
 from limberjack.planner.stacker.box_grip import HIGH, PRESS, ready
 from limberjack.planner.stacker.tower import FREE, FROM_WALL, HALF, PASSES, Tower, crest, length
 
@@ -60,7 +61,7 @@ STACKING = dataclasses.replace(
     horizon=0.45,
     # A new plan reaches a target at the next knot at the earliest.
     knots=9,
-    temperature=0.1,
+    optimiser=MPPI(temperature=0.1),
     armature=1e-3,
     flowing=True,
     cost_interval=3,

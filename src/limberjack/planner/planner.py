@@ -10,8 +10,8 @@ what a planner of MuJoCo MPC does in three steps:
 
 1. `_set_state`: the environment's full state is read, and the cost updates its stage.
 2. `_optimise`: the current plan, random variations of it and the cost's proposals are rolled out in
-   a batch from that state. The new plan is their mean, weighted so that low costs count most
-   (MPPI: Williams et al., 2017, "Information theoretic MPC").
+   a batch from that state. The new plan follows from their costs, as `Settings.optimiser` has it:
+   the mean of MPPI (`optimisers/mppi.py`), or the elites of iCEM (`optimisers/icem.py`).
 3. `_action`: the control law follows the plan, until `Settings.interval` control steps have passed.
    The next planning step starts from that plan, shifted by the elapsed time.
 
@@ -19,9 +19,7 @@ The planner reads the environment's simulator state, not its observations, and n
 The same seed gives the same actions for any number of threads, unless a time budget is given.
 """
 
-import contextlib
 import enum
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco
@@ -29,28 +27,31 @@ import numpy as np
 
 from limberjack.mujoco.simulation import model_fields, without_calls
 from limberjack.planner.control_law import ControlLaw
-from limberjack.planner.cost import AnyPhysics, Cost, CostFunction, FunctionCost, cost_for, name_of
+from limberjack.planner.cost import Cost, CostFunction, FunctionCost, cost_for, name_of
+from limberjack.planner.optimisers.base import Search
+from limberjack.planner.plan_costs import PlanCosts
 from limberjack.planner.planning_model import enable_sleep, planning_model_of
+from limberjack.planner.policy_plans import Act, BeginsAlone, PolicyPlans
 from limberjack.planner.rollouts import Budget, Rollouts
 from limberjack.planner.servos import Servos
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import knot_weights, targets_at
 from limberjack.rl import control
-from limberjack.rl.batch_errors import NotVectorised, raised_in_a_batch, wrong_shape
 from limberjack.rl.guards import at_least_one
-from limberjack.utils.arrays import rows_of_a_batch
 from limberjack.utils.cores import usable_cores
 
 __all__ = ["Explanation", "Planner"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
+_POLICY_SHARE = 8  # samples for each plan of a policy: one is its own, the others vary around it
 
 
 class Explanation(NamedTuple):
     """The best plan of a planning step."""
 
     stage: str  # name of the cost's stage; empty if it has none
-    terms: dict[str, float]  # the cost's weighted terms, each the mean over the plan's steps
+    # The cost's weighted terms, each the mean over the plan's steps, and what is terminal.
+    terms: dict[str, float]
 
 
 class Planner:
@@ -64,6 +65,7 @@ class Planner:
         cost: Cost | CostFunction | None = None,
         settings: Settings | None = None,
         max_ms: float | None = None,
+        policy: Act | BeginsAlone | None = None,
     ) -> None:
         """Creates a planner, also before the environment's first reset.
 
@@ -77,36 +79,40 @@ class Planner:
           max_ms: milliseconds that a planning step should take, for live use: it tries fewer
             samples if there is no time for all. Actions then depend on the clock and are not
             repeatable. A path search, and a planning step with the fewest samples, may take longer.
+          policy: a function from an observation to an action, or a policy of
+            `limberjack.policies.find`, whose plans are tried among the samples.
 
         Raises:
           ValueError: the task names no cost, or a setting does not fit the environment.
-          TypeError: `env` is another kind of object, such as a Gymnasium environment; or `cost` or
-            `settings` is not an instance of its class.
+          TypeError: `env` is another kind of object, such as a Gymnasium environment; or `cost`,
+            `settings` or `policy` is of another kind.
         """
         _check_arguments(env, num_threads, cost, settings)
         self._env, self._seed = env, seed
         if cost is not None and not isinstance(cost, Cost):
             cost = FunctionCost(cost)
         self._cost = cost_for(env.task) if cost is None else cost
-        self._is_checked = False  # whether the shapes of the cost's terms have been compared
         self._settings = settings = self._cost.settings if settings is None else settings
         self._law = self._follower = ControlLaw(env.physics.model._model, settings)
         self._budget = Budget(max_ms, settings.samples)
         # The current state, with the environment's own motors for costs that simulate themselves.
         self._now = planning_model_of(env.physics, settings)
+        self._plan_costs = PlanCosts(self._cost, self._now)
         rolled_out = planning_model_of(env.physics, settings)
         if settings.servos:
             self._follower = Servos(rolled_out.model.ptr, self._law)
         if settings.sleep:
             enable_sleep(rolled_out.model.ptr)
+        self._policy = None if policy is None else PolicyPlans(env, policy, self._law, settings)
         self._substeps = control.compute_n_steps(env.control_timestep(), self._now.timestep())
         self._steps = max(1, round(settings.horizon / env.control_timestep()))
+        iterations = settings.optimiser.iterations
         states = -(-self._steps // settings.cost_interval)
         threads = usable_cores() if num_threads is None else num_threads
         self._fields = tuple(model_fields(env.snapshot().physics))
         self._rollouts = {
             size: Rollouts(rolled_out, size, threads, self._fields, states)
-            for size in self._budget.sizes
+            for size in {max(2, all_ // iterations) for all_ in self._budget.sizes}
         }
         self.reset()
 
@@ -121,6 +127,7 @@ class Planner:
         self._cost.phase = 0.0
         self._random = np.random.default_rng(self._seed)
         self._plan: np.ndarray | None = None  # (knots, nu)
+        self._search: Search | None = None  # of the last planning step
         self._age = 0  # control steps since the plan was made
         self._proposals = np.zeros((0, 0, 0))  # (n, knots, nu)
         self._stage, self._uses = None, 0  # of the proposals
@@ -165,13 +172,7 @@ class Planner:
         """
         if self._best is None:
             raise RuntimeError("nothing has been planned: call planner.act() before explain()")
-        rollouts, best = self._best
-        states, samples = rollouts.history.num_envs or 0, rollouts.simulation.num_envs
-        with rows_of_a_batch(states):
-            terms = self._cost.weighted_terms(rollouts.seen)
-        plan = slice(best, None, samples)
-        means = {n: float(np.broadcast_to(t, states)[plan].mean()) for n, t in terms.items()}
-        return Explanation(_name_of(self._cost.stage()), means)
+        return Explanation(_name_of(self._cost.stage()), self._plan_costs.terms_of(*self._best))
 
     def _set_state(self) -> dict[str, np.ndarray]:
         """Updates the cost in the environment's state; returns that state, to be loaded."""
@@ -183,12 +184,27 @@ class Planner:
 
     def _optimise(self, saved: dict[str, np.ndarray]) -> np.ndarray:
         """The plan from a state on, (knots, nu)."""
-        samples = self._samples(self._shifted())
-        rollouts = self._rollouts[len(samples)]
-        costs = self._costs(rollouts, saved, samples)
-        self._budget.spent(len(samples))
-        self._best = rollouts, int(np.argmin(costs))
-        return _weighted_mean(samples, costs, self._settings.temperature)
+        settings, law = self._settings, self._law
+        current, elites = self._shifted()
+        proposals = self._proposed(current.shape, saved)
+        size = self._budget.size()
+        proposals = proposals[: size // 2].copy()
+        if settings.flowing:
+            proposals[:, 0, law.follows] = current[0, law.follows]
+        self._search = Search(
+            current=current,
+            proposals=proposals,
+            elites=elites,
+            scale=law.scale,
+            noise=law.noise * self._cost.noise_scale,
+            within_limits=law.within_limits,
+            random=self._random,
+        )
+        plan = settings.optimiser.optimise(
+            self._search, size, lambda samples: self._costs(saved, samples)
+        )
+        self._budget.spent(size)
+        return plan
 
     def _action(self, plan: np.ndarray) -> np.ndarray:
         """The control that follows the plan from the environment's state, (nu,)."""
@@ -202,40 +218,29 @@ class Planner:
         """Knots since the current plan was made."""
         return self._age * self._env.control_timestep() / self._settings.spacing
 
-    def _shifted(self) -> np.ndarray:
-        """The current plan shifted to the current time, (knots, nu)."""
+    def _shifted(self) -> tuple[np.ndarray, np.ndarray]:
+        """The current plan, (knots, nu), and the elites, (n, knots, nu), shifted to the time."""
         knots = np.arange(self._settings.knots)
         plan, passed = self._plan, self._passed()
-        if plan is None:
-            return np.repeat(self._law.held(self._now.position())[None], len(knots), axis=0)
+        if plan is None or self._search is None:
+            plan = np.repeat(self._law.held(self._now.position())[None], len(knots), axis=0)
+            return plan, np.zeros((0, *plan.shape))
+        elites = self._search.elites
         if not self._settings.anchored:
-            return targets_at(plan, knots + passed)
+            later = knots + passed
+            return targets_at(plan, later), knot_weights(len(knots), later) @ elites
         self._cost.phase += passed
         while self._cost.phase > 1.0 - 1e-6:  # sums of control steps round
-            plan = np.concatenate([plan[1:], self._cost.continued(plan)[None]])
+            plan = self._continued(plan)
+            elites = np.array([self._continued(elite) for elite in elites]).reshape(elites.shape)
             self._cost.phase -= 1.0
-        return plan
+        return plan, elites
 
-    def _samples(self, current: np.ndarray) -> np.ndarray:
-        """Plans to try, (samples, knots, nu): the current one, proposals, then variations."""
-        settings, law = self._settings, self._law
-        proposals = self._proposed(current.shape)
-        size = self._budget.size()
-        proposals = proposals[: size // 2]
-        samples = np.repeat(current[None], size, axis=0)
-        proposed, varied = np.split(samples[1:], [len(proposals)])
-        proposed[:] = proposals
-        if settings.flowing:
-            proposed[:, 0, law.follows] = current[0, law.follows]
-        # Log-uniform: coarse samples find another path, fine ones bring the last millimetre.
-        scales = np.exp(self._random.uniform(np.log(settings.finest), 0.0, len(varied)))
-        scales *= law.noise * self._cost.noise_scale
-        noise = self._random.standard_normal(varied.shape)
-        varied += scales[:, None, None] * law.scale * noise
-        samples[1:] = law.within_limits(samples[1:])
-        return samples
+    def _continued(self, plan: np.ndarray) -> np.ndarray:
+        """An anchored plan from its second knot on, with one more knot."""
+        return np.concatenate([plan[1:], self._cost.continued(plan)[None]])
 
-    def _proposed(self, shape: tuple[int, ...]) -> np.ndarray:
+    def _proposed(self, shape: tuple[int, ...], saved: dict[str, np.ndarray]) -> np.ndarray:
         """The last proposals shifted in time, or new ones if they are due, (n, knots, nu)."""
         stage, knots = self._cost.stage(), np.arange(self._settings.knots)
         if self._uses % self._settings.proposal_interval and stage == self._stage:
@@ -243,9 +248,25 @@ class Planner:
             self._proposals = passed @ self._proposals
         else:
             self._proposals = self._new_proposals(shape)
+            if self._policy is not None:
+                of_policy = self._plans_of_policy(self._policy, saved)
+                self._proposals = np.concatenate([of_policy, self._proposals])
             self._stage, self._uses = stage, 0
         self._uses += 1
         return self._proposals
+
+    def _plans_of_policy(self, policy: PolicyPlans, saved: dict[str, np.ndarray]) -> np.ndarray:
+        """Plans of the policy from a saved state, (n, knots, nu)."""
+        self._now.simulation.load(saved)
+        count = max(1, self._settings.samples // _POLICY_SHARE)
+        plans = policy.from_state(self._now, self._phases(), count, self._random)
+        self._now.simulation.load(saved)
+        return plans
+
+    def _phases(self) -> np.ndarray:
+        """The phases of the control steps up to the horizon, (steps,)."""
+        pace = self._env.control_timestep() / self._settings.spacing
+        return self._cost.phase + pace * np.arange(self._steps)
 
     def _new_proposals(self, shape: tuple[int, ...]) -> np.ndarray:
         """The cost's proposals that are tried, (n, knots, nu)."""
@@ -265,86 +286,18 @@ class Planner:
             )
         return proposals
 
-    def _costs(
-        self, rollouts: Rollouts, saved: dict[str, np.ndarray], samples: np.ndarray
-    ) -> np.ndarray:
-        """The mean cost of following each sample, (samples,); infinite where physics diverges."""
-        pace = self._env.control_timestep() / self._settings.spacing
-        phases = self._cost.phase + pace * np.arange(self._steps)
+    def _costs(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
+        """The cost of following each sample, (samples,); infinite where physics diverges."""
+        rollouts = self._rollouts[len(samples)]
+        phases = self._phases()
         interval = self._settings.cost_interval
-        while True:
+        costs = None
+        while costs is None:  # the cost has read fields that are recorded from now on
             rollouts.load(saved)
             diverged = self._follower.follow(rollouts, samples, phases, self._substeps, interval)
-            cost = self._step_costs(rollouts).reshape(-1, len(samples)).mean(axis=0)
-            if not rollouts.history.is_complete:
-                continue  # the cost read fields that are recorded from now on
-            unusable = diverged | ~np.isfinite(cost)
-            if unusable.all() and not diverged.all():
-                raise self._without_a_finite_cost(rollouts, diverged)
-            return np.where(unusable, np.inf, cost)
-
-    def _step_costs(self, rollouts: Rollouts) -> np.ndarray:
-        """The cost of each recorded state, (states * samples,)."""
-        states = rollouts.history.num_envs or 0
-        if not self._is_checked:
-            self._check_terms(rollouts.seen, states)
-        with rows_of_a_batch(states), self._explained(states):
-            cost = np.asarray(self._cost.step_cost(rollouts.seen))
-        if cost.shape != (states,) or cost.dtype.kind not in "biuf":
-            raise ValueError(
-                f"step_cost of {name_of(self._cost)} returned shape {cost.shape} and dtype "
-                f"{cost.dtype}; expected numbers of shape {(states,)}, one cost for each state"
-            )
-        return cost
-
-    def _check_terms(self, seen: AnyPhysics, states: int) -> None:
-        """Raises ValueError unless each term has one number for each state.
-
-        A term of a class may be one number for all states, as in a stage that lacks it. Of a
-        function it is a mistake: a norm or a sum over all states.
-        """
-        self._is_checked = True
-        if type(self._cost).terms is Cost.terms:
-            return
-        with rows_of_a_batch(states), self._explained(states):
-            terms = self._cost.terms(seen)
-        shapes = [(states,)] if isinstance(self._cost, FunctionCost) else [(states,), ()]
-        for name, term in terms.items():
-            found = np.asarray(term)
-            what = f"term {name!r} of cost {name_of(self._cost)}"
-            if found.dtype.kind not in "biuf":
-                raise ValueError(f"{what} has dtype {found.dtype}; expected numbers")
-            if found.shape not in shapes:
-                raise wrong_shape(what, found.shape, (states,))
-
-    @contextlib.contextmanager
-    def _explained(self, states: int) -> Iterator[None]:
-        """Explains an error that the cost raises in a batch, and not in a single simulation."""
-        try:
-            yield
-        except NotVectorised:
-            raise
-        except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as error:
-            self._cost.step_cost(self._now)  # raises the same error if rows have no part in it
-            what = f"cost {name_of(self._cost)}"
-            raise raised_in_a_batch(what, error, states) from error
-
-    def _without_a_finite_cost(self, rollouts: Rollouts, diverged: np.ndarray) -> ValueError:
-        """The error for a cost that is infinite or NaN in each plan, with the terms that are."""
-        states, samples = rollouts.history.num_envs or 0, len(diverged)
-        with rows_of_a_batch(states):
-            terms = self._cost.weighted_terms(rollouts.seen)
-        bad, values = [], ""
-        for name, term in terms.items():
-            of_plans = np.broadcast_to(term, states).reshape(-1, samples)[:, ~diverged]
-            wrong = of_plans[~np.isfinite(of_plans)]
-            if wrong.size:
-                bad.append(repr(name))
-                values = values or f"{wrong[0]}"
-        return ValueError(
-            f"no plan has a finite cost: {', '.join(bad) or 'step_cost'} of {name_of(self._cost)} "
-            f"is {values or 'not finite'}; expected finite numbers"
-        )
+            costs = self._plan_costs.of(rollouts, diverged)
+        self._best = rollouts, int(np.argmin(costs))
+        return costs
 
 
 def _name_of(stage: object) -> str:
@@ -391,15 +344,3 @@ def _check_arguments(
 
 def _described(value: object) -> str:
     return f"{value.__name__} itself" if isinstance(value, type) else type(value).__name__
-
-
-def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -> np.ndarray:
-    """The samples' mean, (knots, nu), where the best count most; the first if none is finite."""
-    # Of the best eighth only: bad proposals must not blur the differences between good ones.
-    rank = max(1, len(costs) // 8)
-    best, worst = costs.min(), np.partition(costs, rank)[rank]
-    if not best < worst < np.inf:
-        return samples[int(np.argmin(costs))]
-    weights = np.exp((best - costs) / (temperature * (worst - best)))
-    weights /= weights.sum()
-    return (weights[:, None, None] * samples).sum(axis=0)

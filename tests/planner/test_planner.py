@@ -9,7 +9,7 @@ import pytest
 
 import limberjack.gym  # noqa: F401 (registers the environments)
 from limberjack import policies, suite
-from limberjack.planner import Cost, Planner, Settings, cost_for
+from limberjack.planner import ICEM, Cost, Planner, Settings, cost_for
 from limberjack.planner.rollouts import Rollouts
 from limberjack.rl import control
 from limberjack.suite import base
@@ -180,14 +180,13 @@ def test_proposals_are_tried_again_until_it_is_time_for_others_or_the_stage_chan
             return len(tried) // 5
 
     planner = Planner(env, num_threads=1, cost=Proposing(env.task))
-    samples = planner._samples
+    costs = planner._costs
 
-    def noting(current: np.ndarray) -> np.ndarray:
-        found = samples(current)
-        tried.append(found[1, :, 0])
-        return found
+    def noting(saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
+        tried.append(samples[1, :, 0])
+        return costs(saved, samples)
 
-    planner._samples = noting
+    planner._costs = noting
     _actions(env, planner, 8)
     assert asked == [0, 3, 5]
     # From one to the next half of the time between two knots has passed. Their last targets hold.
@@ -271,6 +270,8 @@ def test_an_episode_that_has_begun_after_a_single_step_is_planned_anew() -> None
         ({"num_threads": 0}, "num_threads is 0; expected a whole number of at least 1"),
         ({"cost": _Towards}, "cost is _Towards itself; expected an instance of a subclass"),
         ({"settings": {"samples": 3}}, r"settings is dict; expected Settings\(...\)"),
+        ({"cost": 3}, "cost is int; expected an instance of a subclass of Cost, .* or a function"),
+        ({"policy": 3}, "policy is of type int; expected a function from an observation"),
     ],
 )
 def test_what_cannot_be_planned_with_is_named(arguments: Any, message: str) -> None:
@@ -428,6 +429,123 @@ def test_a_term_of_a_class_may_be_one_number_for_all_states() -> None:
             return {"height": physics.head_height(), "stage": 2.0}
 
     assert _planned_by(Resting(None)).explain().terms["stage"] == 2.0
+
+
+class _Rising(Cost):
+    """No cost before the horizon, and there the head's height."""
+
+    settings = dataclasses.replace(_QUICK, cost_interval=2)
+    until = 0.0  # seconds; the time at the horizon
+
+    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+        return {"nothing": np.zeros(physics.num_envs)}
+
+    def terminal(self, physics: Any) -> np.ndarray:
+        assert physics.num_envs == self.settings.samples
+        np.testing.assert_allclose(physics.data.time, self.until, rtol=0, atol=1e-9)
+        return -physics.named.data.qpos["abdomen_y"][..., 0]
+
+
+def test_what_follows_the_horizon_is_added_once_and_explained() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    cost = _Rising(env.task)
+    planner = Planner(env, num_threads=1, cost=cost)
+    for _ in range(4):
+        cost.until = env.physics.time() + planner.settings.horizon
+        env.step(planner.act())
+    assert planner._best is not None
+    rollouts, best = planner._best
+    bent = rollouts.physics.named.data.qpos["abdomen_y"][..., 0]
+    assert best == np.argmax(bent)
+    assert planner.explain().terms == {"nothing": 0.0, "terminal": -bent[best]}
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.zeros((8, 1)), r"terminal of Ending returned shape \(8, 1\) and dtype float64"),
+        (np.full(8, np.nan), "no plan has a finite cost: 'terminal' of Ending is nan"),
+    ],
+)
+def test_a_terminal_cost_that_is_no_number_for_each_plan_is_named(
+    value: np.ndarray, message: str
+) -> None:
+    class Ending(_Rising):
+        def terminal(self, physics: Any) -> np.ndarray:
+            return value
+
+    with pytest.raises(ValueError, match=message):
+        _planned_by(Ending(None))
+
+
+def test_servos_show_the_same_horizon() -> None:
+    class Ending(Cost):
+        def terms(self, physics: Any) -> dict[str, np.ndarray]:
+            times.append(physics.data.time.copy())
+            return {"nothing": np.zeros(physics.num_envs)}
+
+        def terminal(self, physics: Any) -> np.ndarray:
+            times.append(physics.data.time.copy())
+            return physics.named.data.qpos["arm_root"][..., 0]
+
+    times: list[np.ndarray] = []
+    env = _load("manipulator", "bring_ball")
+    env.reset()
+    settings = _small(env)
+    Planner(env, num_threads=1, cost=Ending(None), settings=settings).act()
+    assert len(times[-1]) == settings.samples
+    np.testing.assert_array_equal(times[-1], times[-2][-settings.samples :])
+
+
+def test_an_optimiser_of_several_iterations_shares_the_samples_among_them() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    settings = dataclasses.replace(_QUICK, samples=13, optimiser=ICEM(iterations=3))
+    planner = Planner(env, num_threads=1, cost=_Towards(env.task), settings=settings)
+    tried, costs = [], planner._costs
+
+    def noting(saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
+        tried.append(len(samples))
+        return costs(saved, samples)
+
+    planner._costs = noting
+    _actions(env, planner, 2)
+    assert tried == [4] * 6
+
+
+@pytest.mark.parametrize("anchored", [False, True])
+def test_elites_are_shifted_in_time_with_the_plan(anchored: bool) -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    optimiser = ICEM(iterations=1, elites=0.5, kept=1.0)
+    settings = Settings(
+        samples=8, horizon=0.1, knots=4, anchored=anchored, timestep=0.0125, optimiser=optimiser
+    )
+    planner = Planner(env, num_threads=1, cost=_Towards(env.task), settings=settings)
+    env.step(planner.act())
+    before = planner._search.elites.copy() if planner._search else np.zeros(0)
+    assert before.shape == (4, 4, 21)
+    _, shifted = planner._shifted()
+    if anchored:  # a control step is half a knot
+        np.testing.assert_array_equal(shifted, before)
+    else:  # and three quarters of one
+        expected = 0.25 * before[:, :-1] + 0.75 * before[:, 1:]
+        # Splines of splines: they round.
+        np.testing.assert_allclose(shifted[:, :-1], expected, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(shifted[:, -1], before[:, -1])
+
+
+def test_icem_lowers_the_cost_and_is_deterministic() -> None:
+    found = []
+    for threads in (1, 3):
+        env = _load("humanoid", "stand")
+        env.reset()
+        settings = dataclasses.replace(_Towards.settings, optimiser=ICEM())
+        planner = Planner(env, num_threads=threads, cost=_Towards(env.task), settings=settings)
+        found.append(_actions(env, planner, 8))
+        assert env.physics.named.data.qpos["abdomen_y"][0] > 0.3
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
