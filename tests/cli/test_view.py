@@ -267,6 +267,10 @@ def test_a_process_may_launch_one_viewer_after_another(
             (*_VIEW, "--allow-host", "https://a.example"),
             "expected a name such as viewer.example.org",
         ),
+        (
+            (*_VIEW, "--policy", "random", "--explain"),
+            "only plans of the policy 'planner' are explained, not of 'random'",
+        ),
         ((*_VIEW, "--speed", "0"), "speed is 0.0; expected a positive number"),
         ((*_VIEW, "--time-limit", "inf"), "--time-limit is inf"),
     ],
@@ -294,6 +298,24 @@ def test_a_saved_model_acts_in_the_viewer(tmp_path: Path, monkeypatch: pytest.Mo
     wrong = _invoke("view", "stacker/stack_2", "--native", "--policy", name)
     assert wrong.exit_code == 2
     assert "the model's actions have shape (21,)" in wrong.stderr
+
+
+def test_plans_are_explained_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+
+    def show(session: Session) -> None:
+        session.step()
+        seen.append(session.status().plan)
+
+    monkeypatch.setattr(viewer, "in_window", lambda: show)
+    command = ("view", "cartpole/balance", "--native", "--policy", "planner")
+    for options in (("--explain",), ()):
+        result = _invoke(*command, *options)
+        assert result.exit_code == 0, result.output
+    explained, silent = seen
+    assert explained.stage == ""
+    assert set(explained.terms) == {"height", "motion", "off centre", "reward"}
+    assert silent is None
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a display is always there")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from limberjack.planner import Cost
+from limberjack.planner.cost import FunctionCost
 from limberjack.planner.plan_costs import PlanCosts
 
 _STEPS, _SAMPLES = 3, 4
@@ -77,3 +78,24 @@ def test_a_sum_that_is_not_finite_though_its_terms_are_is_named() -> None:
 
     with pytest.raises(ValueError, match="no plan has a finite cost: step_cost of Summed"):
         PlanCosts(Summed(None), None).of(_rollouts(), np.zeros(4, bool))
+
+
+def test_a_function_has_one_number_for_each_state_and_a_class_may_have_one() -> None:
+    function = FunctionCost(lambda physics: {"number": physics.numbers, "one": np.ones(())})
+    with pytest.raises(ValueError, match=r"term 'one' of cost <lambda> has shape \(\) in a batch"):
+        PlanCosts(function, None).of(_rollouts(), np.zeros(4, bool))
+    assert PlanCosts(_Numbered(None), None).of(_rollouts(), np.zeros(4, bool)) is not None
+
+
+def test_an_error_is_explained_by_rows_only_if_one_simulation_does_not_raise_it() -> None:
+    def failing(physics: Any) -> np.ndarray:
+        if physics.num_envs is None:
+            return np.zeros(())
+        raise ValueError("the truth value is ambiguous")
+
+    rollouts, diverged = _rollouts(), np.zeros(4, bool)
+    alone = SimpleNamespace(num_envs=None)
+    with pytest.raises(ValueError, match="cost failing raises ValueError in a batch of 12 rows"):
+        PlanCosts(FunctionCost(failing), alone).of(rollouts, diverged)
+    with pytest.raises(ValueError, match=r"^the truth value is ambiguous$"):
+        PlanCosts(FunctionCost(failing), SimpleNamespace(num_envs=1)).of(rollouts, diverged)

@@ -548,6 +548,33 @@ def test_icem_lowers_the_cost_and_is_deterministic() -> None:
     np.testing.assert_array_equal(found[0], found[1])
 
 
+def test_the_plans_of_a_policy_are_an_eighth_of_the_samples_before_proposals() -> None:
+    class Proposing(_Towards):
+        settings = dataclasses.replace(_QUICK, samples=16, noise=1e-9)
+
+        def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+            return np.full((1, 2, 21), 0.1)
+
+    env = _load("humanoid", "stand")
+    env.reset()
+    planner = Planner(
+        env, num_threads=1, cost=Proposing(None), policy=lambda observation: np.full(21, 0.2)
+    )
+    tried, costs = [], planner._costs
+
+    def noting(saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
+        tried.append(samples)
+        return costs(saved, samples)
+
+    planner._costs = noting
+    planner.act()
+    (samples,) = tried
+    moved = np.abs(samples - samples[0]).max(axis=(1, 2)) > 1e-6
+    assert np.flatnonzero(moved).tolist() == [1, 2, 3]
+    lowest = planner._law.within_limits(np.full(21, 0.1))
+    np.testing.assert_array_equal(samples[3], [lowest] * 2)
+
+
 def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
     class Broken(_Towards):
         def step_cost(self, physics: Any) -> np.ndarray:

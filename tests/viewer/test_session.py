@@ -355,3 +355,19 @@ def test_the_planner_can_be_viewed() -> None:
     session.step()
     assert (session.status().episode, session.status().step) == (3, 1)
     assert session.data.ctrl.any()
+
+
+def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
+    plans = viewer.Plans()
+    environment = suite.load("stacker", "stack_2", {"random": 0, "time_limit": 0.02})
+    session = Session(environment, plans.begin_with("planner", environment), 3, plan=plans.last)
+    assert session.status().plan is None
+    session.step()
+    plan = session.status().plan
+    assert plan is not None
+    assert plan.stage
+    assert "reward" in plan.terms
+    session.reset()
+    assert session.status().plan is None  # it belonged to the episode before
+    with pytest.raises(ValueError, match="only plans of the policy 'planner' are explained"):
+        plans.begin_with("random")

@@ -1,5 +1,6 @@
 """The native window: its keys, its text, and a real one, on a display without a screen."""
 
+import dataclasses
 import os
 import shutil
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.viewer import window
-from limberjack.viewer.session import Session
+from limberjack.viewer.session import Plan, Session
 
 
 @pytest.fixture
@@ -49,6 +50,17 @@ def test_its_text_has_the_reward_and_its_terms(session: Session) -> None:
     assert {name: shown[name] for name in status.terms} == {
         name: f"{value:.3f}" for name, value in status.terms.items()
     }
+
+
+def test_its_text_has_the_stage_and_the_terms_of_a_plan(session: Session) -> None:
+    plan = Plan("grasp", {"reach": 0.25, "reward": 1.0})
+    _, _, names, values = window._text(dataclasses.replace(session.status(), plan=plan))
+    shown = dict(zip(names.split("\n"), values.split("\n"), strict=True))
+    assert (shown["plan"], shown["cost: reach"], shown["cost: reward"]) == (
+        "grasp",
+        "0.250",
+        "1.000",
+    )
 
 
 def test_an_episode_s_changes_of_the_model_are_copied_to_the_window_s(session: Session) -> None:

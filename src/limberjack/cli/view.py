@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import dm_env
 
     from limberjack.rl.control import Environment
+    from limberjack.viewer import Plans
     from limberjack.viewer.session import Begin, Session
 
     Show = Callable[[Session], None]
@@ -44,6 +45,7 @@ _NO_POLICY = "none"
     "view",
     "limberjack view humanoid walk --policy random",
     "limberjack view humanoid/walk --policy sb3:walk.zip --speed 0.5",
+    "limberjack view stacker stack_2 --policy planner --explain",
 )
 def _view(
     domain: OptionalDomain = None,
@@ -52,6 +54,10 @@ def _view(
     policy: PolicyName = _NO_POLICY,
     seed: Seed = 0,
     time_limit: TimeLimit = None,
+    explain: Annotated[
+        bool,
+        typer.Option("--explain", help="Show stage and terms of the plans of --policy planner."),
+    ] = False,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     native: Annotated[
         bool, typer.Option("--native", help="Open a window instead of serving a browser.")
@@ -78,15 +84,17 @@ def _view(
     middle of their bounds.
     """
     with misuse_reported():
+        from limberjack.viewer import Plans
         from limberjack.workers.factories import factory_of
 
         factory = factory_of(*named_environment(domain, task, env, time_limit), finite(time_limit))
         show = _find_viewer(native, host, port, allow_host or [], factory.title)
         environment = _viewable(factory.make(seed))
         with remarks_reported():
-            begin = _begin(policy, environment)
+            plans = Plans()
+            begin = _begin(policy, environment, plans if explain else None)
     with contextlib.closing(environment):
-        raise typer.Exit(_show(environment, begin, seed, speed, show))
+        raise typer.Exit(_show(environment, begin, seed, speed, show, plans))
 
 
 def _find_viewer(
@@ -125,17 +133,26 @@ def _viewable(environment: "dm_env.Environment") -> "Environment":
     return cast("Environment", environment)
 
 
-def _begin(policy: str, environment: "Environment") -> "Begin":
-    """The function that begins the policy's episodes."""
+def _begin(policy: str, environment: "Environment", plans: "Plans | None") -> "Begin":
+    """The function that begins the policy's episodes, whose plans are kept if asked for."""
     from limberjack import policies, viewer
 
+    if plans is not None:
+        return plans.begin_with(policy, environment)
     if policy == _NO_POLICY:
         return viewer.begin_with(None)
     search_working_directory(policy)
     return viewer.begin_policy(policies.find(policy, environment))
 
 
-def _show(environment: "Environment", begin: "Begin", seed: int, speed: float, show: "Show") -> int:
+def _show(
+    environment: "Environment",
+    begin: "Begin",
+    seed: int,
+    speed: float,
+    show: "Show",
+    plans: "Plans",
+) -> int:
     """Shows the environment until the viewer is closed; returns the exit status."""
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
@@ -143,7 +160,7 @@ def _show(environment: "Environment", begin: "Begin", seed: int, speed: float, s
 
     try:
         with misuse_reported():
-            session = Session(environment, begin, seed, speed)
+            session = Session(environment, begin, seed, speed, plan=plans.last)
         show(session)
     except KeyboardInterrupt:
         return INTERRUPTED

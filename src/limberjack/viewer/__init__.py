@@ -10,19 +10,20 @@ It answers to `dm_control.viewer.launch` too. The command is `limberjack view`.
 
 import contextlib
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from limberjack import policies
+from limberjack.policies.built_in import PLANNER
 from limberjack.rl.builds import takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.access import Access, find_address
-from limberjack.viewer.session import Act, Begin, Session, Viewed, idle
+from limberjack.viewer.session import Act, Begin, Plan, Session, Viewed, idle
 
 # Any: whatever `Session` takes, or a function of a seed or of nothing that makes it.
 _Loader = Any
-__all__ = ["begin_policy", "begin_with", "in_browsers", "in_window", "launch"]
+__all__ = ["Plans", "begin_policy", "begin_with", "in_browsers", "in_window", "launch"]
 
 
 def launch(
@@ -39,6 +40,7 @@ def launch(
     seed: int | None = None,
     speed: float = 1.0,
     announce: Callable[[str], object] = print,
+    explain: bool = False,
 ) -> None:
     """Shows a live environment until the viewer is closed, or Ctrl-C is pressed.
 
@@ -62,6 +64,7 @@ def launch(
       speed: simulated seconds per second.
       announce: called with the address to open in a browser, which carries the token that lets
         it in.
+      explain: show stage and terms of the plans of the policy 'planner'.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.
@@ -74,12 +77,13 @@ def launch(
         if native
         else in_browsers(Access(find_address(host, port), allow_hosts), title, announce)
     )
-    begin = begin_with(policy)
+    plans = Plans()
+    begin = plans.begin_with(policy) if explain else begin_with(policy)
     if isinstance(environment_loader, Environment) or not callable(environment_loader):
-        _show(show, environment_loader, begin, seed, speed)
+        _show(show, environment_loader, begin, seed, speed, plans)
         return
     with contextlib.closing(_made(environment_loader, seed)) as environment:
-        _show(show, environment, begin, seed, speed)
+        _show(show, environment, begin, seed, speed, plans)
 
 
 def _show(
@@ -88,10 +92,11 @@ def _show(
     begin: Begin,
     seed: int | None,
     speed: float,
+    plans: "Plans",
 ) -> None:
     """Show the environment until the viewer is closed or Ctrl-C is pressed."""
     with contextlib.suppress(KeyboardInterrupt):
-        show(Session(environment, begin, seed, speed))
+        show(Session(environment, begin, seed, speed, plan=plans.last))
 
 
 def in_browsers(
@@ -150,6 +155,42 @@ def begin_with(policy: Act | str | None) -> Begin:
         return policy
 
     return begin
+
+
+class Plans:
+    """The plans of the policy 'planner' as it makes them, for a session to show."""
+
+    def __init__(self) -> None:
+        """Nothing has been planned."""
+        self._last: Plan | None = None
+
+    def last(self) -> Plan | None:
+        """The last plan of this episode."""
+        return self._last
+
+    def begin_with(self, policy: Act | str | None, environment: Environment | None = None) -> Begin:
+        """A function that begins the planner's episodes.
+
+        Args:
+          policy: 'planner'.
+          environment: the one to act in, if it is known, whose task must have a cost.
+
+        Raises:
+          ValueError: the policy is another one.
+          PolicyError: there is no cost for the environment's task.
+        """
+        if policy != PLANNER:
+            raise ValueError(f"only plans of the policy 'planner' are explained, not of {policy!r}")
+        begin = begin_policy(policies.planner(environment, on_plan=self._on_plan))
+
+        def begin_episode(environment: Environment, seed: int) -> Act:
+            self._last = None
+            return begin(environment, seed)
+
+        return begin_episode
+
+    def _on_plan(self, time: float, stage: str, terms: Mapping[str, float]) -> None:
+        self._last = Plan(stage, terms)
 
 
 def begin_policy(actor: policies.Actor) -> Begin:

@@ -16,7 +16,7 @@ import math
 import time
 import zlib
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import dm_env
 import mujoco
@@ -27,7 +27,7 @@ from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
 
-__all__ = ["Act", "Begin", "Session", "Status", "Viewed", "ViewerError", "idle"]
+__all__ = ["Act", "Begin", "Plan", "Session", "Status", "Viewed", "ViewerError", "idle"]
 
 Act = Callable[[dm_env.TimeStep], object]  # to an action, which the environment checks
 # Any: a `control.Environment`, a wrapper of one or another library's, by its attributes.
@@ -43,6 +43,13 @@ _SHOWN = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 class ViewerError(RuntimeError):
     """The viewer cannot start on this machine."""
+
+
+class Plan(NamedTuple):
+    """The best plan of a planning step, as the planner explains it."""
+
+    stage: str  # name of the cost's stage; empty if it has none
+    terms: Mapping[str, float]  # the weighted terms of the plan's cost
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +69,7 @@ class Status:
     paused: bool
     speed: float
     note: str  # an event that the person watching should know of, such as a diverged simulation
+    plan: Plan | None = None  # the last one, where plans are shown
 
 
 def idle(environment: Environment, seed: int) -> Act:
@@ -82,6 +90,7 @@ class Session:
         seed: int | None = None,
         speed: float = 1.0,
         clock: Callable[[], float] = time.perf_counter,
+        plan: Callable[[], Plan | None] = lambda: None,
     ) -> None:
         """Begins the first episode.
 
@@ -92,6 +101,7 @@ class Session:
             stream from episode to episode.
           speed: simulated seconds per second.
           clock: returns the time in seconds.
+          plan: returns the policy's last plan in this episode.
 
         Raises:
           TypeError: the environment has no MuJoCo simulation to show.
@@ -111,6 +121,7 @@ class Session:
         self._begin = begin
         self._seed = seed
         self._clock = clock
+        self._plan = plan
         self._last_look = clock()
         self._due = 0.0  # simulated seconds that have not been stepped
         self._paused = False
@@ -290,6 +301,7 @@ class Session:
             paused=self._paused,
             speed=self._speed,
             note=self._ending or self._note,
+            plan=self._plan(),
         )
 
     def _terms(self) -> Mapping[str, float]:

@@ -29,7 +29,7 @@ import mujoco
 from limberjack.utils.log import log
 from limberjack.viewer.access import Access
 from limberjack.viewer.guard import Guard
-from limberjack.viewer.session import Session, Status, ViewerError
+from limberjack.viewer.session import Plan, Session, Status, ViewerError
 
 try:
     from mujoco.studio import (
@@ -270,6 +270,7 @@ class _Panel(plugin.ViewerPlugin):
             self._draw_buttons(self._status)
             _draw_episode(self._status)
             _draw_reward(self._status)
+            _draw_plan(self._status.plan)
         imgui.End()
 
     def _draw_buttons(self, status: Status) -> None:
@@ -309,6 +310,18 @@ def _draw_reward(status: Status) -> None:
         _draw_bar(value, f"{value:.3f}", name)
     if status.success is not None:
         imgui.TextUnformatted("goal reached" if status.success else "goal not reached")
+
+
+def _draw_plan(plan: Plan | None) -> None:
+    """The stage, and each term's share of the cost."""
+    if plan is None:
+        return
+    imgui.SeparatorText("Plan")
+    if plan.stage:
+        imgui.TextWrapped(plan.stage)
+    total = sum(abs(value) for value in plan.terms.values()) or 1.0
+    for name, value in plan.terms.items():
+        _draw_bar(abs(value) / total, f"{value:.3f}", name)
 
 
 def _draw_bar(value: float, text: str, name: str) -> None:

@@ -103,6 +103,9 @@ def _text(status: Status) -> tuple[None, mujoco.mjtGridPos, str, str]:
     rows["return"] = f"{status.total:.2f}"
     rows["reward"] = "-" if status.reward is None else f"{status.reward:.3f}"
     rows.update({name: f"{value:.3f}" for name, value in status.terms.items()})
+    if status.plan is not None:
+        rows["plan"] = status.plan.stage or "-"
+        rows.update({f"cost: {name}": f"{value:.3f}" for name, value in status.plan.terms.items()})
     if status.note:
         rows["note"] = status.note
     return None, mujoco.mjtGridPos.mjGRID_TOPLEFT, "\n".join(rows), "\n".join(rows.values())
