@@ -35,6 +35,7 @@ _PARTS = {
     "exactness.json": _SIMULATED,
     "learned/*.json": ("suite/{domain}.*", "policies/mlp.py", "training", "mujoco", "rl"),
     "many.json": ("gym", *_SIMULATED),
+    "optimisers.json": ("planner", *_SIMULATED),
     "overhead.json": ("gym", *_SIMULATED),
     "path_searches.json": ("planner", *_SIMULATED),
     "planner.json": ("planner", *_SIMULATED),
