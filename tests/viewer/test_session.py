@@ -359,7 +359,7 @@ def test_the_planner_can_be_viewed() -> None:
 
 def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
     plans = viewer.Plans()
-    environment = suite.load("stacker", "stack_2", {"random": 0, "time_limit": 0.02})
+    environment = suite.load("stacker", "stack_2", {"random": 0, "time_limit": 0.05})
     session = Session(environment, plans.begin_with("planner", environment), 3, plan=plans.last)
     assert session.status().plan is None
     session.step()
@@ -367,6 +367,9 @@ def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
     assert plan is not None
     assert plan.stage
     assert "reward" in plan.terms
+    for _ in range(3):  # control steps to the next planning step
+        session.step()
+    assert session.status().plan != plan
     session.reset()
     assert session.status().plan is None  # it belonged to the episode before
     with pytest.raises(ValueError, match="only plans of the policy 'planner' are explained"):
