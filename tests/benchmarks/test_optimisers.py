@@ -93,3 +93,10 @@ def test_the_table_compares_seeds_that_all_have_played(optimisers: Any) -> None:
     assert lines[3] == "| icem | 8 | 0.300 | +0.150 ± 0.098 | 1.00 |"
     entry["variants"]["icem"]["episodes"] = {}
     assert len(optimisers.table(entry)) == 2
+
+
+def test_the_page_has_the_table_of_the_results(optimisers: Any) -> None:
+    found = json.loads(optimisers.RESULTS.read_text(encoding="utf-8"))
+    page = (Path(__file__).parents[2] / "docs" / "planner.md").read_text(encoding="utf-8")
+    for entry in found.values():
+        assert "\n".join(optimisers.table(entry)) in page
