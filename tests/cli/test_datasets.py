@@ -132,9 +132,9 @@ def test_a_forged_manifest_is_one_line_and_status_2(
 
 def test_a_missing_extra_is_one_line_and_status_1(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(typer.Exit) as caught, reading_reported("info"):
-        raise ImportError("needs the extra 'data': pip install pyarrow")
+        raise ImportError("needs the extra 'data': pip install fsspec pyarrow")
     assert caught.value.exit_code == 1
-    expected = "limberjack: limberjack info needs the extra 'data': pip install pyarrow\n"
+    expected = "limberjack: limberjack info needs the extra 'data': pip install fsspec pyarrow\n"
     assert capsys.readouterr().err == expected
 
 

@@ -38,6 +38,7 @@ _DIFFERENT = {
     ("policies", "--json"): "is a list of policies",
     ("train", "--seed"): "of a run, not of an episode",
     ("export", "--action-repeat"): "that of the training, which the model does not know",
+    ("view", "--explain"): "is shown live, and not printed after an episode",
 }
 
 

@@ -465,7 +465,7 @@ def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_pat
         ),
         (
             ["pyarrow"],
-            "limberjack: no episodes: needs the extra 'data': pip install pyarrow\n",
+            "limberjack: no episodes: needs the extra 'data': pip install fsspec pyarrow\n",
             _SHOWN | {"video.mp4"},
         ),
     ],

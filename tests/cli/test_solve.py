@@ -189,7 +189,8 @@ def test_a_shard_needs_the_extra_that_keeps_steps(tmp_path: Path) -> None:
     )
     assert done.returncode == 2
     assert done.stderr == (
-        "limberjack: a shard keeps steps, which needs the extra 'data': pip install pyarrow\n"
+        "limberjack: a shard keeps steps, which needs the extra 'data': "
+        "pip install fsspec pyarrow\n"
     )
     assert list(tmp_path.iterdir()) == []
 

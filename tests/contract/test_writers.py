@@ -47,6 +47,7 @@ _OTHERS = {
     ("limberjack.episodes.parquet", "writer.write_table"),
     ("limberjack.episodes.parquet", "file.open"),
     ("limberjack.episodes.folder", "path.write_bytes"),
+    ("limberjack.episodes.remote", "files.open"),  # for reading; fsspec takes the mode second
     ("limberjack.adapters.sb3", "zipfile.ZipFile"),
 }
 

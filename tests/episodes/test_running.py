@@ -193,7 +193,7 @@ def test_without_pyarrow_all_but_the_steps_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def missing(run: Run) -> bool:
-        run.left_out.append("no episodes: needs the extra 'data': pip install pyarrow")
+        run.left_out.append("no episodes: needs the extra 'data': pip install fsspec pyarrow")
         return False
 
     monkeypatch.setattr(Run, "_can_keep", missing)
