@@ -180,6 +180,32 @@ def test_the_longest_task_is_stepped_first(monkeypatch: pytest.MonkeyPatch) -> N
     assert taken[3] == many.parts[1].name
 
 
+class _Dice(_Line):
+    """Draws from NumPy's global stream."""
+
+    def step(self, action: Any) -> dm_env.TimeStep:
+        time_step = super().step(action)
+        return time_step._replace(reward=None if time_step.first() else np.random.uniform())
+
+
+def test_tasks_that_draw_from_a_shared_stream_are_stepped_in_order() -> None:
+    def rewards(num_threads: int) -> list[np.ndarray]:
+        batches = []
+        for seed in (0, 1):
+            kind = type(f"Dice{seed}", (_Dice,), {})
+            batches.append(rl.batch_of(kind, 2, 1, seed=seed, vectorised=False))
+        many = ManyTasks(batches, num_threads=num_threads)
+        many.reset()
+        np.random.seed(3)
+        return [many.step(np.zeros((4, 1))).reward for _ in range(20)]
+
+    stream = np.random.RandomState(3)
+    expected = stream.uniform(size=4)
+    for one in (rewards(1), rewards(2)):
+        np.testing.assert_array_equal(one[0], expected)
+    np.testing.assert_array_equal(rewards(1), rewards(2))
+
+
 def test_tasks_are_stepped_at_the_same_time() -> None:
     barrier = threading.Barrier(2, timeout=20)
     waits: list[bool] = []

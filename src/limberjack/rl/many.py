@@ -16,7 +16,8 @@ name the numbers that belong to a row's task. They stand beside the observations
     time_step.observation["task_id"]            # (num_envs,), as `batch.task_ids`
 
 A few threads step the batches, those first that took longest so far. A thread that has finished one
-takes the next, so that no task waits for another before the end of the step.
+takes the next, so that no task waits for another before the end of the step. If environments draw
+from a stream that all share, the batches are stepped on one thread, in order.
 
 It is one idea, and long: every method of a batch does the same to the batch of each task.
 """
@@ -290,6 +291,8 @@ class ManyTasks(Batch):
         threads = min(guards.at_least_one("num_threads", given), MOST_THREADS, len(self.parts))
         self._threads = RowThreads(len(self.parts), threads)
         self._seconds = np.zeros(len(self.parts))  # of a step, as expected
+        # Draws from a stream that environments share have an order.
+        self._is_in_order = any(getattr(part, "draws_globally", None) for part in self.parts)
         # What a reset shows of each task: its own last one, until a step.
         self._present: list[dm_env.TimeStep | None] = [None] * len(self.parts)
         self._rows_with: dict[str, np.ndarray] = {}  # masks by term
@@ -379,9 +382,12 @@ class ManyTasks(Batch):
 
         After an error or an interrupt every row begins an episode with the next step.
         """
-        order = np.argsort(-self._seconds, kind="stable").tolist()
+        order: Sequence[int] = np.argsort(-self._seconds, kind="stable").tolist()
+        threads = self._threads.num_threads
+        if self._is_in_order:
+            order, threads = range(len(self.parts)), 1
         try:
-            errors = self._threads.share(job, order, self._threads.num_threads)
+            errors = self._threads.share(job, order, threads)
             if errors:
                 first = min(errors, key=lambda one: (isinstance(one[1], Exception), one[0]))
                 raise self._described(*first, is_interrupt=interrupts(errors))
