@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from limberjack.planner.cost import AnyPhysics, Cost
+from limberjack.planner.optimisers.icem import ICEM
 from limberjack.planner.settings import Settings
 from limberjack.utils import arrays
 
@@ -52,7 +53,17 @@ class BallInCup(Cost):
 class Turn(Cost):
     """The distance of the body's tip from the target, and of the finger from the body."""
 
-    settings = Settings(horizon=0.8, knots=6, samples=64, gain=1.0, damping=0.1, noise=1.0)
+    # Of tuning seeds 1000 to 1002 turn_hard has 940 with iCEM and 649 with MPPI, which does not
+    # find the target in one of them.
+    settings = Settings(
+        horizon=0.8,
+        knots=6,
+        samples=64,
+        gain=1.0,
+        damping=0.1,
+        noise=1.0,
+        optimiser=ICEM(colour=0.0),
+    )
     weights: ClassVar = {"distance": 4.0, "finger": 0.5, "motion": 0.01}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
