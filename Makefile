@@ -56,11 +56,11 @@ test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at
 	$(BIN)/python -m pytest -m 'slow or not slow' $(IN_PARALLEL) \
 		tests/oracle/test_variants.py tests/oracle/test_frames.py
 
+# Loaders fork their workers, of which JAX warns once it is imported: their tests run by themselves.
 test-training: $(VENV)/installed-training  ## Run the tests of training, Stable-Baselines3, PyTorch's loaders and the examples
 	$(BIN)/python -m pytest tests/training tests/cli/test_train.py tests/adapters/test_sb3.py \
-		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py tests/examples \
-		tests/episodes/test_torch_datasets.py
-	$(BIN)/python -m pytest tests/docs/test_pages.py -k torch
+		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py tests/examples
+	$(BIN)/python -m pytest tests/docs/test_pages.py tests/episodes/test_torch_datasets.py -k torch
 
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format
 	$(BIN)/python -m pytest -m 'slow or not slow' tests/episodes/test_to_minari.py \
