@@ -76,6 +76,7 @@ def test_a_transition_has_the_sum_of_its_rewards_and_what_follows(n_step: int) -
             assert batch.truncated[number] == episode.truncated[end - 1]
             assert batch.discounts is not None
             power = 0.0 if episode.terminated[end - 1] else _DISCOUNT ** len(rewards)
+            # NumPy's power and Python's may differ in the last bit.
             np.testing.assert_allclose(batch.discounts[number], power, rtol=1e-15)
             number += 1
     assert number == len(batch) == sum(_LENGTHS)

@@ -442,6 +442,7 @@ class _Rising(Cost):
 
     def terminal(self, physics: Any) -> np.ndarray:
         assert physics.num_envs == self.settings.samples
+        # Time is a sum of steps, which round.
         np.testing.assert_allclose(physics.data.time, self.until, rtol=0, atol=1e-9)
         return -physics.named.data.qpos["abdomen_y"][..., 0]
 

@@ -283,21 +283,17 @@ def load_batch(
         is True and the task cannot be vectorised.
       TypeError: there is no such keyword, or `rows` is given for one task.
     """
+    how: dict[str, Any] = {  # Any: of `batch_of`
+        "num_threads": num_threads,
+        "seed": seed,
+        "on_divergence": on_divergence,
+        "vectorised": vectorised,
+        "action_repeat": action_repeat,
+        "stagger": stagger,
+    }
     if task_name is None:
-        return many.load(
-            load_batch,
-            domain_name,
-            rows,
-            num_envs,
-            num_threads=num_threads,
-            seed=seed,
-            task_kwargs=task_kwargs,
-            environment_kwargs=environment_kwargs,
-            on_divergence=on_divergence,
-            vectorised=vectorised,
-            action_repeat=action_repeat,
-            stagger=stagger,
-        )
+        how |= {"task_kwargs": task_kwargs, "environment_kwargs": environment_kwargs}
+        return many.load(load_batch, 1, domain_name, rows, num_envs, **how)[0]
     if not isinstance(domain_name, str):
         raise TypeError(f"task_name is {task_name!r}; expected None with a list of tasks")
     if num_envs is None or rows is not None:
@@ -311,16 +307,7 @@ def load_batch(
             "each row gets its own"
         )
     build = build_of(domain_name, task_name, task_kwargs, environment_kwargs)
-    batch = batch_of(
-        build,
-        num_envs,
-        num_threads,
-        seed=seed,
-        vectorised=vectorised,
-        on_divergence=on_divergence,
-        action_repeat=action_repeat,
-        stagger=stagger,
-    )
+    batch = batch_of(build, num_envs, **how)
     batch.registration = getattr(control_of(build.original), "registration", None)
     return batch
 
@@ -336,7 +323,8 @@ def load_halves(
     Raises:
       ValueError, TypeError: see `load_batch`; or there is only one row.
     """
-    return many.load_halves(load_batch, tasks, rows, num_envs, **kwargs)
+    first, second = many.load(load_batch, 2, tasks, rows, num_envs, **kwargs)
+    return first, second
 
 
 def build_of(

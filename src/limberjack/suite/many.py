@@ -1,13 +1,15 @@
-"""Batches of several tasks of the suite; see `limberjack.rl.many`.
+"""Batches of several tasks, made by a function that makes the batch of one; see `rl.many`.
 
-named(["cheetah:run", "walker:walk"])       # (('cheetah', 'run'), ('walker', 'walk'))
-load(["cheetah:run", "walker:walk"], rows=8)
+    (many,) = load(suite.load_batch, 1, ["cheetah:run", "walker:walk"], rows=8)
+    first, second = load(suite.load_batch, 2, "dmc28", rows=8)      # halves
+
+`suite.load_batch` and `suite.load_halves` call it.
 """
 
 import dataclasses
 import inspect
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,25 +21,24 @@ from limberjack.rl.guards import at_least_one, first_seed
 from limberjack.rl.many import ManyTasks, TaskOfMany, threads_of_one
 from limberjack.suite._registration import find
 
-__all__ = ["LoadOne", "instruction", "load", "load_halves"]
-
-# Any: of `suite.load_batch`, which checks them.
-LoadOne = Callable[..., Any]
+__all__ = ["instruction", "load"]
 
 
 def load(
-    load_one: LoadOne,
+    load_one: Callable[..., Batch],
+    parts: int,
     tasks: Tasks,
     rows: int | Sequence[int] | None = None,
     num_envs: int | None = None,
     num_threads: int | None = None,
     seed: int | None = None,
     **kwargs: Any,  # of `suite.load_batch`, which checks them
-) -> ManyTasks:
-    """The batch of several tasks.
+) -> list[ManyTasks]:
+    """The batch of several tasks, whose rows are divided into parts with arrays of one width.
 
     Args:
       load_one: `suite.load_batch`.
+      parts: 1, or 2 for halves, of which the first has the row more.
       tasks: the name of a set, or a list; see `registry.sets.find`.
       rows: of each task; a number for all, or a list with one for each.
       num_envs: rows of all tasks together, in the place of `rows`.
@@ -47,53 +48,18 @@ def load(
 
     Raises:
       ValueError, TypeError: see `registry.sets.find` and `suite.load_batch`; or rows are not given
-        once, or do not fit the tasks.
-    """
-    chosen = sets.tasks_of(tasks)
-    counts = _counts(rows, num_envs, len(chosen))
-    (many,) = _load(load_one, chosen, counts, [0, sum(counts)], num_threads, seed, kwargs)
-    return many
-
-
-def load_halves(
-    load_one: LoadOne,
-    tasks: Tasks,
-    rows: int | Sequence[int] | None = None,
-    num_envs: int | None = None,
-    num_threads: int | None = None,
-    seed: int | None = None,
-    **kwargs: Any,  # of `suite.load_batch`, which checks them
-) -> tuple[ManyTasks, ManyTasks]:
-    """The first and the second half of the rows of `load`, with arrays of the same width.
-
-    Raises:
-      ValueError, TypeError: see `load`; or there is only one row.
+        once, do not fit the tasks, or are fewer than the parts.
     """
     chosen = sets.tasks_of(tasks)
     counts = _counts(rows, num_envs, len(chosen))
     total = sum(counts)
-    if total == 1:
-        raise ValueError("there is 1 row; expected at least 2 for two halves")
-    bounds = [0, total - total // 2, total]
-    first, second = _load(load_one, chosen, counts, bounds, num_threads, seed, kwargs)
-    return first, second
-
-
-def _load(
-    load_one: LoadOne,
-    tasks: Sequence[tuple[str, str]],
-    counts: Sequence[int],
-    bounds: Sequence[int],
-    num_threads: int | None,
-    seed: int | None,
-    kwargs: Mapping[str, Any],  # of `suite.load_batch`
-) -> list[ManyTasks]:
-    """The batch of the rows between each two bounds, given the number of rows of each task."""
-    first = first_seed(seed, sum(counts))
-    threads = threads_of_one(num_threads, len(tasks))
-    batches: list[list[Batch]] = [[] for _ in bounds[1:]]
+    if total < parts:
+        raise ValueError(f"there is {total} row; expected at least {parts} for two halves")
+    bounds = [total - total * left // parts for left in range(parts, -1, -1)]
+    first, threads = first_seed(seed, total), threads_of_one(num_threads, len(chosen))
+    batches: list[list[Batch]] = [[] for _ in range(parts)]
     facts, start = [], 0
-    for (domain, task), count in zip(tasks, counts, strict=True):
+    for (domain, task), count in zip(chosen, counts, strict=True):
         stop = start + count
         for of_part, (low, high) in zip(batches, itertools.pairwise(bounds), strict=True):
             size = min(stop, high) - max(start, low)

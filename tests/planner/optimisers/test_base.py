@@ -62,7 +62,8 @@ def test_the_finest_samples_hardly_move() -> None:
     varied = MPPI(finest=0.001).samples(search(), 400, 0)[1:, :, 0].std(axis=-1)
     assert varied.min() < 0.01 < 0.2 < varied.max()
     alike = MPPI(finest=1.0).samples(search(), 400, 0)[1:, :, 0]
-    assert alike.std() == pytest.approx(0.46, abs=0.02)  # 0.5, cut at 1
+    # 0.5, cut at 1; of 2,400 samples it deviates by 0.007.
+    assert alike.std() == pytest.approx(0.46, abs=0.02)
 
 
 @pytest.mark.parametrize("optimiser", [MPPI(iterations=4), ICEM(iterations=4)])
@@ -90,6 +91,7 @@ def test_white_noise_is_that_of_the_stream() -> None:
 @pytest.mark.parametrize("exponent", [1.0, 2.0, 3.5])
 def test_coloured_noise_has_variance_one_and_smooth_plans(knots: int, exponent: float) -> None:
     noise = coloured_noise(np.random.default_rng(2), (20_000, knots, 1), exponent)[..., 0]
+    # The deviation of 20,000 samples itself deviates by 1 / sqrt(40,000) = 0.005.
     np.testing.assert_allclose(noise.std(axis=0), 1.0, atol=0.03)
     neighbours = (noise[:, 1:] * noise[:, :-1]).mean()
     assert neighbours > 0.1

@@ -15,6 +15,7 @@ def test_mean_and_deviation_move_to_those_of_the_elites() -> None:
     optimiser = ICEM(iterations=2, elites=0.25, momentum=0.2)
     at = search(current=plans(0.6)[0])
     plan = optimiser.new_plan(at, _SAMPLES, _COSTS, 0)
+    # The expected sums are of decimals, and round: default tolerances, here and below.
     np.testing.assert_allclose(plan, 0.2 * 0.6 + 0.8 * 0.2)
     # Elites of 0.1 and 0.3 deviate by 0.1, in units of the noise: 0.5 and 0.05.
     np.testing.assert_allclose(at.deviation, 0.2 + 0.8 * np.tile([0.2, 2.0], (6, 1)))

@@ -13,8 +13,10 @@ def test_the_best_samples_weigh_most_on_the_scale_of_the_best_eighth() -> None:
     costs = np.append([0.0, 1.0, 2.0], np.full(13, 1e9))  # an eighth of 16: up to a cost of 2
     plan = MPPI(temperature=0.5).new_plan(search(), samples, costs, 0)
     weights = np.exp([0.0, -1.0, -2.0])
+    # The weights are divided before they are summed: default tolerances.
     np.testing.assert_allclose(plan, (weights @ [0.0, 1.0, 2.0]) / weights.sum())
     sharp = MPPI(temperature=0.01).new_plan(search(), samples, costs, 0)
+    # The next best plan has the weight exp(-50), 2e-22.
     np.testing.assert_allclose(sharp, 0.0, atol=1e-12)
 
 
