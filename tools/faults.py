@@ -23,6 +23,28 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        if self._why_not is not None:\n", "        if False:\n"),
         ("            task._random = refusing ", "            pass "),
     ],
+    "doctor/exactness.py": [
+        ("key=lambda run: run.kind.nearness(here), reverse=True", "key=lambda run: True"),
+        (
+            "one.checksums != stored[field].checksums",
+            "one.checksums[1:] != stored[field].checksums[1:]",
+        ),
+        ("int(np.argmax(unequal))", "int(np.argmin(unequal))"),
+        ("        if step >= first\n", "        if step > first\n"),
+        (
+            "_steps(one, actions[:, seed])",
+            "_steps(one, actions[:, 0])",
+        ),
+        ('(("single", found.single), ("batch", found.batch))', '(("single", found.single),)'),
+    ],
+    "doctor/stored_bits.py": [
+        ("_START = 0xFFFF", "_START = 0"),
+        ("(one for one in self.runs if one.kind != run.kind)", "self.runs"),
+        (
+            "arrays.setdefault(content, len(arrays))",
+            "arrays.setdefault(content + bytes([len(arrays) % 256]), len(arrays))",
+        ),
+    ],
     "rl/episode_values.py": [
         (
             "            setattr(task, name, np.array(value))\n",

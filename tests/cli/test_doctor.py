@@ -11,8 +11,10 @@ import typer.testing
 
 from limberjack import doctor
 from limberjack.cli import app
-from limberjack.doctor import packages
+from limberjack.doctor import exactness, packages
+from limberjack.doctor.exactness import Amount, Comparison, Departure
 from limberjack.doctor.probes import Answer
+from limberjack.doctor.stored_bits import Kind
 
 _WORKS: dict[str, Any] = {
     "core": {"steps": 10},
@@ -117,3 +119,59 @@ def test_pictures_that_cannot_be_drawn_do_not_fail_the_core(
     assert result.exit_code == 0
     assert "PROBLEM" in result.stdout
     assert "libEGL.so.1 cannot be loaded; install it" in result.stdout
+
+
+_HERE = Kind("Darwin", "arm64", "NEON", "2.4.6", "4.0.0")
+_STORED = Kind("Linux", "x86_64", "AVX2", "2.4.6", "4.0.0")
+_FIRST = Departure(
+    "walker:walk", "single", 3, "velocity", (Amount(20, 2e-15), Amount(60, 0.0)), 4e-12
+)
+
+
+def _bits(
+    monkeypatch: pytest.MonkeyPatch, found: Comparison, *arguments: str
+) -> typer.testing.Result:
+    """The result of the command where the comparison is so."""
+    monkeypatch.setattr(exactness, "compare", lambda on_progress: found)
+    return typer.testing.CliRunner().invoke(app, ["doctor", "--exact", *arguments])
+
+
+def test_equal_bits_are_reported_with_both_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = _bits(monkeypatch, Comparison(_STORED, _STORED, 51, (), ()))
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [
+        "here            Linux x86_64 with AVX2, NumPy 2.4.6, MuJoCo 4.0.0",
+        "stored          Linux x86_64 with AVX2, NumPy 2.4.6, MuJoCo 4.0.0",
+        "bits            bit-equal: 51 tasks, single and batched",
+        "batches         bit-equal with single environments of this machine",
+    ]
+
+
+def test_the_first_departure_is_named_with_its_amounts_and_status_0(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    other = dataclasses.replace(_FIRST, task="walker:run", largest=5e-9)
+    result = _bits(monkeypatch, Comparison(_HERE, _STORED, 51, (_FIRST, other), ()))
+    assert result.exit_code == 0
+    assert "here            Darwin arm64 with NEON" in result.stdout
+    assert "bits            49 of 51 tasks are bit-equal" in result.stdout
+    first = "walker:walk (single), step 3, velocity: by 2.0e-15 at step 20, equal at 60"
+    assert f"first departure {first}" in result.stdout
+    assert "largest         5.0e-09 at the stored steps of any task" in result.stdout
+    assert "PROBLEM" not in result.stdout
+
+
+def test_a_batch_that_differs_is_a_problem_with_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    batch = dataclasses.replace(_FIRST, how="batch")
+    result = _bits(monkeypatch, Comparison(_HERE, _STORED, 51, (), (batch,)))
+    assert result.exit_code == 1
+    assert "PROBLEM         a batch differs from single environments" in result.stdout
+    assert "walker:walk (batch), step 3, velocity" in result.stdout
+    assert "bit-equal with single" not in result.stdout
+
+
+def test_the_comparison_of_bits_becomes_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = _bits(monkeypatch, Comparison(_HERE, _STORED, 51, (_FIRST,), ()), "--json")
+    found = json.loads(result.stdout)
+    assert found["here"]["machine"] == "arm64"
+    assert found["departures"][0]["amounts"][1] == {"step": 60, "difference": 0.0}

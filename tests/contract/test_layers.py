@@ -103,6 +103,7 @@ _STANDS_ALONE = (
     "limberjack.suite.utils.randomizers",
     "limberjack.utils.containers",
     "limberjack.data",
+    "limberjack.doctor.exactness",  # for a Python user too
     "limberjack.episodes.replaying",
     "limberjack.episodes.running",
     "limberjack.utils.inverse_kinematics",

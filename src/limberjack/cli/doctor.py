@@ -13,6 +13,7 @@ from limberjack.cli.progress import show_parts
 
 if TYPE_CHECKING:
     from limberjack.doctor import Backend, Check, Diagnosis, Threads
+    from limberjack.doctor.exactness import Comparison, Departure
     from limberjack.doctor.probes import Answer
 
 __all__: list[str] = []
@@ -21,8 +22,12 @@ _LABEL_WIDTH = 16  # characters
 _PROBES = 9  # that are asked once
 
 
-@command("doctor", "limberjack doctor", "limberjack doctor --json")
+@command("doctor", "limberjack doctor", "limberjack doctor --exact", "limberjack doctor --json")
 def _doctor(
+    exact: Annotated[
+        bool,
+        typer.Option("--exact", help="Compare the bits of all tasks with those of other machines."),
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
     """Show what works on this machine, and what to do about what does not.
@@ -30,7 +35,15 @@ def _doctor(
     Versions, cores, the best number of threads for a small batch, OpenGL, extras, ffmpeg, and
     whether an installed dm_control loads. It takes about ten seconds. The exit status is 0 if a
     short episode steps as it should.
+
+    With --exact: plays each task for a moment, single and in a batch, and compares every reward and
+    observation with those stored for this kind of processor, or the nearest. Other processors and
+    systems round differently, so a departure is no fault, and the exit status is 0. It is 1 if a
+    batch differs from single environments.
     """
+    if exact:
+        _compare_bits(json)
+        return
     from limberjack import doctor
 
     with show_parts() as show:
@@ -42,6 +55,49 @@ def _doctor(
             typer.echo(f"{label:{_LABEL_WIDTH}}{text}".rstrip())
     if not diagnosis.core.works:
         raise typer.Exit(FAILED)
+
+
+def _compare_bits(json: bool) -> None:
+    """Prints where the bits of this machine depart from stored ones."""
+    with show_parts() as show:
+        from limberjack.doctor import exactness
+
+        found = exactness.compare(on_progress=show)
+    if json:
+        typer.echo(json_module.dumps(dataclasses.asdict(found), indent=2))
+    else:
+        for label, text in _lines_on_bits(found):
+            typer.echo(f"{label:{_LABEL_WIDTH}}{text}")
+    if found.unequal_batches:
+        raise typer.Exit(FAILED)
+
+
+def _lines_on_bits(found: "Comparison") -> Iterator[tuple[str, str]]:
+    """Labels and texts."""
+    yield "here", str(found.here)
+    yield "stored", str(found.stored)
+    if found.is_equal:
+        yield "bits", f"bit-equal: {found.tasks} tasks, single and batched"
+    else:
+        first, departed = found.departures[0], len(found.departures)
+        largest = max(one.largest for one in found.departures)
+        yield "bits", f"{found.tasks - departed} of {found.tasks} tasks are bit-equal"
+        yield "first departure", _worded_departure(first)
+        yield "largest", f"{largest:.1e} at the stored steps of any task"
+        yield "", "Results here are as valid; episodes differ. See docs/exactness.md"
+    if not found.unequal_batches:
+        yield "batches", "bit-equal with single environments of this machine"
+        return
+    yield "PROBLEM", "a batch differs from single environments of this machine; please report it:"
+    yield "", _worded_departure(found.unequal_batches[0])
+
+
+def _worded_departure(first: "Departure") -> str:
+    amounts = ", ".join(
+        f"by {one.difference:.1e} at step {one.step}" if one.difference else f"equal at {one.step}"
+        for one in first.amounts
+    )
+    return f"{first.task} ({first.how}), step {first.step}, {first.field}: {amounts}"
 
 
 def _asking(show: Callable[[str, float, float], None]) -> "Callable[..., Answer]":
