@@ -31,17 +31,17 @@ _ROWS = 2  # with the seeds 0 and 1
 _THREADS = 2
 _PARTS = 16  # of the range of an action: a power of two, so that actions are not rounded
 
-Values = Mapping[str, np.ndarray]  # by field: (steps + 1, rows, ...), of a task
+_Values = Mapping[str, np.ndarray]  # by field: (steps + 1, rows, ...), of a task
 # Called with a task, the number of those that have been played and that of all.
 _OnProgress = Callable[[str, int, int], object]
 
 
 @dataclasses.dataclass(frozen=True)
 class Played:
-    """What a task returned on this machine."""
+    """Results of a task on this machine."""
 
-    single: Values
-    batch: Values
+    single: _Values
+    batch: _Values
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,7 +194,7 @@ def _unequal_batch(name: str, found: Played) -> Departure | None:
 
 
 def _first_departure(
-    name: str, how: str, stored: Mapping[str, Field], values: Values
+    name: str, how: str, stored: Mapping[str, Field], values: _Values
 ) -> Departure | None:
     found = {field: field_of(array) for field, array in values.items()}
     steps = {

@@ -1,4 +1,4 @@
-"""`StoredBits`: what all tasks returned on other machines, in a small file of the package.
+"""`StoredBits`: results of all tasks on other machines, in a small file of the package.
 
     stored = StoredBits.read()
     for run in stored.runs:  # one for each kind of processor, NumPy and MuJoCo
@@ -42,7 +42,7 @@ _START = 0xFFFF  # of a checksum, so that zeros count
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """What decides the last bits of results.
+    """Kind of a machine: the facts that decide the last bits of results.
 
     Attributes:
       system: such as 'Linux', 'Darwin' or 'Windows'.
@@ -99,7 +99,7 @@ class Field:
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """What one kind of machine returned: fields by name, by task such as 'walker:walk'."""
+    """Results of one kind of machine: fields by name, by task such as 'walker:walk'."""
 
     kind: Kind
     tasks: Mapping[str, Mapping[str, Field]]
