@@ -23,6 +23,7 @@ _FLOORS = {
     "limberjack._gymnasium_plugin": 0,
     "limberjack.registry": 0,
     "limberjack.utils": 0,
+    "limberjack.worlds": 0,
     "limberjack.rl": 1,
     "limberjack.mujoco": 2,
     "limberjack.utils.inverse_kinematics": 3,  # at dm_control's path; it searches with a Physics
@@ -61,6 +62,7 @@ _ROOMS = {
     "limberjack._gymnasium_plugin": "foundations",
     "limberjack.registry": "foundations",
     "limberjack.utils": "foundations",
+    "limberjack.worlds": "foundations",
     "limberjack.data": "limberjack.episodes",
     "limberjack.sb3": "limberjack.adapters",
 }

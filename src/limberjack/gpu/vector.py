@@ -440,7 +440,7 @@ def load_vector(
       TypeError: an argument is unknown; the message suggests the nearest name.
       MemoryError: this many rows do not fit into the device's memory.
     """
-    of_environment = arguments.environment_arguments(environment_kwargs, randomize, None)
+    of_environment = arguments.environment_arguments(environment_kwargs, randomize=randomize)
     for name, value in (("pixels", pixels), ("render_mode", render_mode)):
         if value is not None or of_environment.get(name) is not None:
             raise ValueError(f"{name} is {value or of_environment[name]!r}: {_NO_PICTURES}")

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from limberjack.mujoco.camera import check_names
 from limberjack.rl.pixels import cameras_of, render_arguments
-from limberjack.utils.keywords import keywords
+from limberjack.utils.keywords import keywords, with_keyword
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
@@ -211,7 +211,7 @@ def picture_arguments(
     check_names(kwargs)
     camera = camera_id if camera_name is None else camera_name
     for name, value in (("width", width), ("height", height), ("camera_id", camera)):
-        kwargs = _with(name, value, kwargs, "render_kwargs")
+        kwargs = with_keyword(name, value, kwargs, "render_kwargs")
     cameras_of(kwargs.get("camera_id", -1))
     return kwargs
 
@@ -224,30 +224,22 @@ def task_arguments(
     Raises:
       TypeError: the time limit is given twice.
     """
-    return _with("time_limit", time_limit, task_kwargs, "task_kwargs")
+    return with_keyword("time_limit", time_limit, task_kwargs, "task_kwargs")
 
 
 def environment_arguments(
-    environment_kwargs: Mapping[str, object] | None,
-    randomize: Mapping[str, object] | None,
-    pixels: Mapping[str, object] | None,
+    environment_kwargs: Mapping[str, object] | None, **own: object
 ) -> dict[str, object]:
-    """`environment_kwargs` with the randomisation and the pictures added.
+    """`environment_kwargs` with arguments added that a function also takes by themselves.
+
+    Args:
+      environment_kwargs: keyword arguments of `control.Environment`.
+      own: such as `pixels`; None for those that are not given.
 
     Raises:
       TypeError: one of them is given twice.
     """
-    kwargs = _with("randomize", randomize, environment_kwargs, "environment_kwargs")
-    return _with("pixels", pixels, kwargs, "environment_kwargs")
-
-
-def _with(
-    name: str, value: object, kwargs: Mapping[str, object] | None, where: str
-) -> dict[str, object]:
-    """`kwargs` with a value added, unless that is None."""
-    known = keywords(where, kwargs)
-    if value is None:
-        return known
-    if name in known:
-        raise TypeError(f"{name} is given twice: once alone and once in {where}")
-    return {**known, name: value}
+    kwargs = keywords("environment_kwargs", environment_kwargs)
+    for name, value in own.items():
+        kwargs = with_keyword(name, value, kwargs, "environment_kwargs")
+    return kwargs

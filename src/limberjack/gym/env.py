@@ -381,6 +381,7 @@ def load(
     environment_kwargs: Mapping[str, object] | None = None,
     randomize: Mapping[str, object] | None = None,
     pixels: Mapping[str, object] | None = None,
+    faults: str | Mapping[str, object] | None = None,
     **kwargs: Any,  # of `Env`
 ) -> Env:
     """An environment of a task, which counts the steps of its episodes itself.
@@ -394,6 +395,7 @@ def load(
       randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
+      faults: of the real world, such as 'easy'; see `limberjack.worlds.faults`.
       kwargs: action_repeat, flat, dtype, render_mode, render_kwargs, width, height, camera_id,
         camera_name: see `Env`.
 
@@ -403,5 +405,7 @@ def load(
     """
     arguments.refuse_unknown(kwargs, Env, load)
     of_task = arguments.task_arguments(task_kwargs, time_limit)
-    of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
+    of_environment = arguments.environment_arguments(
+        environment_kwargs, randomize=randomize, pixels=pixels, faults=faults
+    )
     return Env(suite.build_of(domain, task, of_task, of_environment), **kwargs)

@@ -29,6 +29,7 @@ def load_vector(
     environment_kwargs: Mapping[str, object] | None = None,
     randomize: Mapping[str, object] | None = None,
     pixels: Mapping[str, object] | None = None,
+    faults: str | Mapping[str, object] | None = None,
     num_threads: int | None = None,
     on_divergence: str = "end",
     vectorised: bool | None = None,
@@ -52,6 +53,7 @@ def load_vector(
       randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
+      faults: of the real world, such as 'easy'; see `limberjack.worlds.faults`.
       num_threads: threads that step the rows; by default as many of the available cores as the
         work of a step can occupy.
       on_divergence: see `suite.load_batch`.
@@ -69,7 +71,9 @@ def load_vector(
     """
     arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
     of_task = arguments.task_arguments(task_kwargs, time_limit)
-    of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
+    of_environment = arguments.environment_arguments(
+        environment_kwargs, randomize=randomize, pixels=pixels, faults=faults
+    )
     how: dict[str, Any] = {  # Any: of `suite.load_batch`
         "num_threads": num_threads,
         "task_kwargs": of_task,

@@ -82,7 +82,7 @@ class BatchEnvironment(Batch):
         check_plain(env)
         num_envs = guards.at_least_one("num_envs", num_envs)
         self._randomizer = env._randomizer
-        self._saved_fields = env._saved_fields()
+        self._saved_fields, self._world = env._saved_fields(), env.world
         check_episode_fields(env.task)
         check_declared(env.task)
         guards.check_memory(
@@ -100,6 +100,7 @@ class BatchEnvironment(Batch):
         self._replicas = replicas
         self._randomization: dict[str, np.ndarray] = {}
         self._frames = Frames.of(env.pixels, replicas)
+        self._faults = None if env._faults is None else env._faults.of_rows(num_envs)
         self._streams = Streams(self._seeds[0], num_envs)
         self._seeds = self._streams.seeds
         self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
@@ -170,6 +171,8 @@ class BatchEnvironment(Batch):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
                     self._memory.begin_again([row])
+                    if self._faults is not None:
+                        self._faults.begin_again([row])
                     self._begin_streams([row])
             self._begin(rows)
             observation = self._observe(self._mask(rows), is_step=False)
@@ -182,10 +185,8 @@ class BatchEnvironment(Batch):
             begins = self._begins
             self._replicas.check()
             checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
-            physics = self._replicas.physics
-            stepped = None if self._memory.is_idle else ~begins
-            with self._memory.during("before_step", physics, stepped):
-                self._task.before_step(checked, physics)
+            stepped = ~begins if self._remembers else None
+            self._before_step(checked, stepped)
             # Until the step is complete: after an interrupt, all rows begin again.
             self._begins = self._all_begin.copy()
             if self._action_repeat != 1:
@@ -212,16 +213,15 @@ class BatchEnvironment(Batch):
         Rows whose episode ends wait unchanged. Those that begin one do so at the end, so that no
         hook of a step changes their start.
         """
-        replicas, task, counter = self._replicas, self._task, self._counter
-        physics, simulation = replicas.physics, replicas.simulation
+        replicas, counter = self._replicas, self._counter
+        simulation = replicas.simulation
         total = Repeated(self.num_envs)
         active, diverged = ~begins, np.zeros(self.num_envs, bool)
         waiting: list[tuple[np.ndarray, Mapping[str, np.ndarray]]] = []
         for number in range(self._action_repeat):
             is_final = number == self._action_repeat - 1 or not arrays.any_of(active)
             if number and arrays.any_of(active):
-                with self._memory.during("before_step", physics, active):
-                    task.before_step(actions, physics)
+                self._before_step(actions, active)
             stepped = self._simulate(active)
             diverged |= self.diverged
             if is_final and arrays.any_of(begins):
@@ -252,18 +252,33 @@ class BatchEnvironment(Batch):
         self._begins = (total.step_type == _LAST) | diverged
         return total.time_step()
 
+    @property
+    def _remembers(self) -> bool:
+        """Whether calls are remembered for some rows: by the task, or by faults."""
+        return self._faults is not None or not self._memory.is_idle
+
+    def _before_step(self, actions: np.ndarray, rows: np.ndarray | None) -> None:
+        """Hands the actions to the task, which remembers them in a mask of rows only."""
+        physics, faults = self._replicas.physics, self._faults
+        if faults is not None:
+            actions = faults.act(actions, rows)
+        with self._memory.during("before_step", physics, rows):
+            self._task.before_step(actions, physics)
+        if faults is not None:
+            faults.accept(rows)
+
     def _simulate(self, active: np.ndarray | None) -> np.ndarray | None:
         """Steps the simulations of a mask of rows, None for all, and calls `after_step`.
 
         Returns:
-          A mask of the rows that did not diverge, (num_envs,); None if the task remembers nothing.
+          A mask of the rows that did not diverge, (num_envs,); None if nothing is remembered.
         """
         running = None if active is None else np.flatnonzero(active)
         self.diverged = self._replicas.step(running, self._n_sub_steps)
         if arrays.any_of(self.diverged):
             self._report_divergence()
         stepped = None
-        if not self._memory.is_idle:
+        if self._remembers:
             stepped = ~self.diverged if active is None else active & ~self.diverged
         if running is None or running.size:
             physics = self._replicas.physics
@@ -275,7 +290,10 @@ class BatchEnvironment(Batch):
         """The rewards and their terms; the task remembers the call in a mask of rows only."""
         physics = self._replicas.physics
         with self._memory.during("get_reward", physics, rows):
-            return reward_and_terms(self._task, physics)
+            reward, terms = reward_and_terms(self._task, physics)
+        if self._faults is not None:
+            reward = self._faults.reward(reward, rows)
+        return reward, terms
 
     def _termination(self, rows: np.ndarray | None) -> Quantity | None:
         """The task's termination; it remembers the call in masked rows before the limit only."""
@@ -299,6 +317,7 @@ class BatchEnvironment(Batch):
                 self.name,
                 self._remembered(rows),
                 limits=self._limits(rows),
+                faults={} if self._faults is None else self._faults.save(rows),
             )
 
     def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
@@ -316,6 +335,8 @@ class BatchEnvironment(Batch):
                 show_drawn(self._randomization, saved, rows, self.num_envs)
             if self._frames is not None:
                 self._frames.load(snapshot.frames, rows)
+            if self._faults is not None:
+                self._faults.load(snapshot.faults, rows)
             self._counter.steps[rows] = snapshot.step_count
             self._set_limits(rows, snapshot.limits)
             if snapshot.memory:
@@ -339,6 +360,8 @@ class BatchEnvironment(Batch):
             self._replicas.start(rows)
             if self._frames is not None:
                 self._frames.forget(rows)
+            if self._faults is not None:
+                self._faults.forget(rows)
             observation = self._observe(self._mask(rows), is_step=False)
         return self._counter.shown(observation)
 
@@ -391,7 +414,8 @@ class BatchEnvironment(Batch):
     @functools.cached_property
     def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
-        return origin_of(self._task, self._replicas.physics, self._saved_fields, pixels)
+        parts = self._task, self._replicas.physics, self._saved_fields
+        return origin_of(*parts, pixels, self._world)
 
     def single_action_spec(self) -> specs.BoundedArray:
         """See `Batch`."""
@@ -474,6 +498,8 @@ class BatchEnvironment(Batch):
         replicas, task = self._replicas, self._task
         for row in rows.tolist():
             task._random = self._streams.own[row]
+            if self._faults is not None:
+                self._faults.begin(row, task._random)
             if self._randomizer is not None:
                 drawn = self._randomizer.draw(self._streams.beside[row])
                 show_drawn(self._randomization, drawn, row, self.num_envs)
@@ -533,6 +559,8 @@ class BatchEnvironment(Batch):
         with self._memory.during("get_observation", physics, rows):
             observation = self._task.get_observation(physics)
         self._check_forms(observation)
+        if self._faults is not None:
+            observation = self._faults.observe(observation, rows)
         return observations.of_rows(observation, self.num_envs, self._flat_observation)
 
     def _mask(self, rows: np.ndarray | Sequence[int]) -> np.ndarray:

@@ -52,6 +52,8 @@ from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.streams import check_not_randomized, set_stream_fields, stream_of
 from limberjack.utils.arrays import Quantity
+from limberjack.worlds import World
+from limberjack.worlds.faults import FaultMemory, Faults
 
 __all__ = [
     "FLAT_OBSERVATION_KEY",
@@ -87,6 +89,7 @@ class Environment(dm_env.Environment):
     _name: str = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
     _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
+    _faults: FaultMemory | None = None
     # The task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
     _first: Mapping[str, object] | None = None
     _action_repeat: int = 1
@@ -107,6 +110,7 @@ class Environment(dm_env.Environment):
         randomize: Mapping[str, Draw] | None = None,
         pixels: PixelOptions | Pixels | None = None,
         action_repeat: int = 1,
+        faults: str | Mapping[str, object] | Faults | None = None,
     ) -> None:
         """Creates an environment whose first `step` or `reset` begins an episode.
 
@@ -125,12 +129,14 @@ class Environment(dm_env.Environment):
           pixels: pictures to observe in addition, under 'pixels', or instead, such as
             {'camera': 0, 'frame_stack': 3}; see `limberjack.rl.pixels`.
           action_repeat: control steps per action; see `step`.
+          faults: of the real world, such as 'easy' or {'delay': {'actions': 3}}; see
+            `limberjack.worlds.faults`.
 
         Raises:
           ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
             is NaN, zero, negative or not a multiple; or there is no such camera; or `randomize`
-            names a field that the task draws itself for each seed.
-          TypeError: `pixels` has an unknown option.
+            names a field that the task draws itself for each seed; or there are no such faults.
+          TypeError: `pixels` or `faults` have an unknown option.
         """
         if n_sub_steps is not None and control_timestep is not None:
             raise ValueError(
@@ -159,7 +165,15 @@ class Environment(dm_env.Environment):
             check_not_randomized(task, self._randomizer.fields)
             self._simulated.recompute_constants_of(self._randomizer.fields)
         self._frames = Frames.of(pixels, self._simulated)
+        if faults is not None:
+            self._faults = self._with_faults(Faults.of(faults))
         self.reward_terms, self.randomization = {}, {}
+
+    def _with_faults(self, settings: Faults) -> FaultMemory:
+        # An observation is computed only for its form: the task must not remember it.
+        with stand_in(self._task, self._physics):
+            observation = self._task.get_observation(self._physics)
+        return FaultMemory(settings, self.action_spec(), observation)
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
@@ -175,6 +189,8 @@ class Environment(dm_env.Environment):
         if self._randomizer is not None:
             self.randomization = self._randomizer.draw(self._draw_stream())
             self._simulated.simulation.set_fields(self.randomization)
+        if self._faults is not None:
+            self._faults.begin(0, stream_of(self._task))
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
             self._keep_own()
@@ -232,8 +248,12 @@ class Environment(dm_env.Environment):
 
     def _begin_control_step(self, action: object, number: int) -> None:
         """Begins a control step of an action, by its number: 0, or more if actions are repeated."""
-        task = self._task
+        task, faults = self._task, self._faults
+        if faults is not None:
+            action = faults.act(action)
         task.before_step(action, self._physics)
+        if faults is not None:
+            faults.accept()
         if getattr(task, EPISODE_ATTRIBUTES, None):
             self._keep_own()
         if self._action_repeat != 1 and number == 0:  # the action was not refused
@@ -248,6 +268,8 @@ class Environment(dm_env.Environment):
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
+        if self._faults is not None:
+            reward = self._faults.reward(reward)
         if self._action_repeat == 1:
             self.reward_terms = terms
         else:
@@ -255,6 +277,8 @@ class Environment(dm_env.Environment):
             sums, self._last_terms = self.reward_terms, terms
             self.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
         observation = task.get_observation(physics)
+        if self._faults is not None:
+            observation = self._faults.observe(observation)
         self._step_count += 1
         at_limit = self._step_count >= self._step_limit
         ending = 1.0 if at_limit else task.get_termination(physics)
@@ -283,6 +307,8 @@ class Environment(dm_env.Environment):
         """The task's observation spec, or else one derived from a current observation."""
         try:
             spec = self._task.observation_spec(self._physics)
+            if self._faults is not None:
+                spec = self._faults.specs_with(spec)
         except NotImplementedError:
             # An observation is computed only for its form: the task must not remember it.
             with stand_in(self._task, self._physics):
@@ -303,6 +329,16 @@ class Environment(dm_env.Environment):
     def pixels(self) -> Pixels | None:
         """Options of the pixel observations; None without them."""
         return None if self._frames is None else self._frames.pixels
+
+    @property
+    def world(self) -> World | None:
+        """The settings by which the world differs from the task's own; None if it does not.
+
+        They are values of JSON, and accepted as keywords of an environment again.
+        """
+        if self._faults is None:
+            return None
+        return {"faults": self._faults.settings.as_json()}
 
     def draw_every(self, steps: int) -> None:
         """Takes a picture at a start and at each `steps`-th step; others repeat the last picture.
@@ -357,6 +393,8 @@ class Environment(dm_env.Environment):
         """
         for name, value in self._first_values().items():
             setattr(self._task, name, value)
+        if self._faults is not None:
+            self._faults.begin_again(0)
         stream = np.random.RandomState(seed)
         set_stream_fields(self._task, stream, self._simulated.simulation)
         self._task._random, self._seeded = stream, (stream, seed)
@@ -399,6 +437,7 @@ class Environment(dm_env.Environment):
                 self.registration,
                 self._name,
                 [memory] if memory else [],
+                faults={} if self._faults is None else self._faults.save(None),
             )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -439,6 +478,8 @@ class Environment(dm_env.Environment):
                 self._frames.load(snapshot.frames, None)
             if snapshot.memory:
                 put_back(snapshot.memory[0], self._task, self._physics)
+            if self._faults is not None:
+                self._faults.load(snapshot.faults, None)
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
 
@@ -480,13 +521,18 @@ class Environment(dm_env.Environment):
             self._physics.after_reset()
             if self._frames is not None:
                 self._frames.forget()
+            if self._faults is not None:
+                self._faults.forget(0)
             observation = self._observe()
             self._keep_own()
             self._reset_next_step = False
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
     def present_observation(self) -> Mapping[str, Quantity]:
-        """The observation of the present state, computed again without a trace in the task."""
+        """The observation of the present state, computed again without a trace in the task.
+
+        With faults, it is the last one that was received.
+        """
         with stand_in(self._task, self._physics):
             observation = self._seen()
         if self._frames is None:
@@ -535,7 +581,7 @@ class Environment(dm_env.Environment):
 
     def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
-        return origin_of(self._task, self._simulated, self._saved_fields(), pixels)
+        return origin_of(self._task, self._simulated, self._saved_fields(), pixels, self.world)
 
     @property
     def _simulated(self) -> SimulatedPhysics:
@@ -572,7 +618,10 @@ class Environment(dm_env.Environment):
 
     def _observe(self) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
-        return self._in_form(self._task.get_observation(self._physics))
+        observation = self._task.get_observation(self._physics)
+        if self._faults is not None:
+            observation = self._faults.observe(observation)
+        return self._in_form(observation)
 
     def _in_form(self, state: Mapping[str, Quantity]) -> Mapping[str, Quantity]:
         """The task's observation, flat if wanted, and with a new picture."""
@@ -584,6 +633,8 @@ class Environment(dm_env.Environment):
     def _seen(self) -> Mapping[str, Quantity]:
         """The task's observation, without pictures."""
         observation = self._task.get_observation(self._physics)
+        if self._faults is not None:
+            observation = self._faults.shown(observation)
         return flatten_observation(observation) if self._flat_observation else observation
 
     def _check_action(self, action: object) -> None:

@@ -381,6 +381,7 @@ class RowsEnvironment(Batch):
                 {name: values[numbers] for name, values in seen.items()},
                 self._begins[numbers] & ~self._has_ended[numbers],
                 self._stagger and self._stagger.with_limits(self._limits, numbers),
+                _stacked([one.faults for one in saved], first.faults),
             )
 
     def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:

@@ -25,6 +25,7 @@ from limberjack.rl.copies import control_of
 from limberjack.rl.memory import Memory
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.streams import States
+from limberjack.worlds import World
 
 __all__ = ["Snapshot", "as_snapshot", "origin_of"]
 
@@ -32,7 +33,7 @@ _VERSION, _NUMBERS = "MuJoCo", "numbers of the model"
 _KEY_LENGTH = 624  # numbers of a RandomState's key, of which its position counts the used ones
 # Types of a snapshot's parts on which its checks rely.
 _KINDS: dict[str, type] = {"origin": dict, "physics": dict, "streams": list, "frames": dict}
-_KINDS |= {"memory": list, "copies": list}
+_KINDS |= {"memory": list, "copies": list, "faults": dict}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +55,7 @@ class Snapshot:
         next one takes, (n, 2); None unless the first episodes of a batch are staggered.
       observations: the last ones beside such copies, by name, (n, ...) each; may be empty.
       resets: whether such a copy begins its next episode by `reset`, not `step`, (n,); or empty.
+      faults: what each one remembers of its faults, by name, (n, ...) each; empty without faults.
     """
 
     origin: dict[str, object]
@@ -69,6 +71,7 @@ class Snapshot:
     observations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     resets: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
     limits: np.ndarray | None = None
+    faults: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def of_copy(
@@ -163,6 +166,7 @@ class Snapshot:
         self._check_counters()
         if not self.copies:
             _check_form(self.physics, own.physics, size)
+            _check_form(self.faults, own.faults, size)
             if own.frames:  # pictures are ignored if the environment does not observe any
                 _check_form(self.frames, own.frames, size)
             for row, states in enumerate(self.streams):
@@ -238,7 +242,11 @@ def as_snapshot(given: object) -> Snapshot:
 
 
 def origin_of(
-    task: Task, physics: SimulatedPhysics, fields: Sequence[str], pixels: Mapping[str, object]
+    task: Task,
+    physics: SimulatedPhysics,
+    fields: Sequence[str],
+    pixels: Mapping[str, object],
+    world: World | None,
 ) -> dict[str, object]:
     """Facts that must match for a snapshot to be restored.
 
@@ -247,10 +255,12 @@ def origin_of(
       physics: a single simulation or a batch.
       fields: model fields that the snapshot itself holds.
       pixels: options of the pixel observations.
+      world: settings of the world; None for the task's own.
     """
     return {
         "task": type(task).__name__,
         "fields": tuple(fields),
+        "world": world,
         **pixels,
         **physics.identity(fields),
     }

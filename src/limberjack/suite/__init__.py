@@ -39,7 +39,7 @@ from limberjack.suite._registration import (
     require,
     unregister,
 )
-from limberjack.utils.keywords import keywords
+from limberjack.utils.keywords import keywords, with_keyword
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -65,6 +65,7 @@ __all__ = [
 ]
 
 _Tasks = tuple[tuple[str, str], ...]
+_Option = str | Mapping[str, object] | None  # of the world
 
 _NO_VISUALIZATION = "no_reward_visualization"  # dm_control's tag
 
@@ -154,6 +155,7 @@ def load(
     visualize_reward: bool = False,
     *,
     action_repeat: int | None = None,
+    faults: _Option = None,
 ) -> control.Environment:
     """An environment of the suite.
 
@@ -166,14 +168,17 @@ def load(
       visualize_reward: whether to colour materials by the reward at each step.
       action_repeat: control steps per action; see `control.Environment.step`. None leaves it to
         the factory of the task.
+      faults: of the real world, such as 'easy' or {'delay': {'actions': 3}}; see
+        `limberjack.worlds.faults`.
 
     Raises:
-      ValueError: there is no such domain or task; or actions cannot be repeated in an environment
+      ValueError: there is no such domain or task, or there are no such faults; or actions cannot be repeated in an environment
         of another class than `control.Environment`.
       TypeError: there is no such keyword.
     """
+    of_environment = with_keyword("faults", faults, environment_kwargs, "environment_kwargs")
     environment = build_environment(
-        domain_name, task_name, task_kwargs, environment_kwargs, visualize_reward
+        domain_name, task_name, task_kwargs, of_environment or None, visualize_reward
     )
     if action_repeat is not None:
         why = difference(environment)
@@ -200,6 +205,7 @@ def load_batch(
     vectorised: Literal[False],
     action_repeat: int | None = None,
     stagger: bool = False,
+    faults: _Option = None,
 ) -> RowsEnvironment: ...
 
 
@@ -218,6 +224,7 @@ def load_batch(
     vectorised: Literal[True] | None = None,
     action_repeat: int | None = None,
     stagger: bool = False,
+    faults: _Option = None,
 ) -> BatchEnvironment: ...
 
 
@@ -235,6 +242,7 @@ def load_batch(
     vectorised: bool | None = None,
     action_repeat: int | None = None,
     stagger: bool = False,
+    faults: _Option = None,
 ) -> ManyTasks: ...
 
 
@@ -252,6 +260,7 @@ def load_batch(
     vectorised: bool | None = None,
     action_repeat: int | None = None,
     stagger: bool = False,
+    faults: _Option = None,
 ) -> Batch:
     """Many environments of the suite, stepped in lockstep; see `limberjack.rl.batch`.
 
@@ -277,12 +286,14 @@ def load_batch(
       rows: of each of several tasks: a number for all, or a list with one for each.
       stagger: end the first episode of each row after a random number of steps, so that rows do not
         end together; see `limberjack.rl.streams`.
+      faults: as for `load`, of each row.
 
     Raises:
       ValueError: there is no such domain, task or set, or a number is out of range; or `vectorised`
         is True and the task cannot be vectorised.
       TypeError: there is no such keyword, or `rows` is given for one task.
     """
+    of_environment = with_keyword("faults", faults, environment_kwargs, "environment_kwargs")
     how: dict[str, Any] = {  # Any: of `batch_of`
         "num_threads": num_threads,
         "seed": seed,
@@ -292,7 +303,7 @@ def load_batch(
         "stagger": stagger,
     }
     if task_name is None:
-        how |= {"task_kwargs": task_kwargs, "environment_kwargs": environment_kwargs}
+        how |= {"task_kwargs": task_kwargs, "environment_kwargs": of_environment}
         return many.load(load_batch, 1, domain_name, rows, num_envs, **how)[0]
     if not isinstance(domain_name, str):
         raise TypeError(f"task_name is {task_name!r}; expected None with a list of tasks")
@@ -306,7 +317,7 @@ def load_batch(
             "load_batch does not accept 'random' in task_kwargs: pass seed instead, from which "
             "each row gets its own"
         )
-    build = build_of(domain_name, task_name, task_kwargs, environment_kwargs)
+    build = build_of(domain_name, task_name, task_kwargs, of_environment or None)
     batch = batch_of(build, num_envs, **how)
     batch.registration = getattr(control_of(build.original), "registration", None)
     return batch

@@ -1,0 +1,13 @@
+"""The faults of the real world: delay, noise, lost and repeated values, dummies, perturbations.
+
+    env = suite.load("walker", "walk", faults="easy")
+    env = suite.load("walker", "walk", faults={"delay": {"observations": 3}})
+
+`settings` has the faults and the presets, `memory` applies them to the rows of an environment or a
+batch, and `draws` has their random numbers.
+"""
+
+from limberjack.worlds.faults.memory import FaultMemory as FaultMemory
+from limberjack.worlds.faults.settings import Faults as Faults
+
+__all__ = ["FaultMemory", "Faults"]

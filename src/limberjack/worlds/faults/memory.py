@@ -1,0 +1,324 @@
+"""`FaultMemory`: applies faults to the actions, rewards and observations of rows.
+
+    faults = FaultMemory(settings, action_spec, observation, num_envs=64)
+    faults.begin(3, stream)                     # row 3 begins an episode
+    observation = faults.observe(observation, rows)
+    action = faults.act(actions, rows)          # rows: a mask of the rows that step; None for all
+    faults.accept(rows)                         # the task has taken the actions
+    rewards = faults.reward(rewards, rows)
+
+Faults are applied at each control step, in the order of the Real World RL suite: to actions delay,
+noise, dropped, stuck and repeated values; to observations noise, dropped and stuck values, delay,
+dummies. So a delayed observation is late, and its dummies are not. The first action, observation
+or reward of an episode stands for the ones that are missing before it.
+
+A single environment has one row, and its arrays no axis for it. All memory is in `values`, arrays
+with an axis of rows, which snapshots hold. Random numbers are functions of a row's key, which
+belongs to its episode, of the step, and of the place; see `draws`.
+"""
+
+import collections
+import dataclasses
+import math
+from collections.abc import Mapping, MutableMapping
+from typing import Any, Self
+
+import numpy as np
+from dm_env import specs
+
+from limberjack.worlds.faults import draws
+from limberjack.worlds.faults.settings import Fault, Faults
+
+__all__ = ["FaultMemory"]
+
+# Kinds of draws.
+_ACTION_NOISE, _DROPPED_ACTIONS, _STUCK_ACTIONS, _REPETITION = range(4)
+_NOISE, _DROPPED, _STUCK, _DUMMIES = range(4, 8)
+# The memory that belongs to the seed, or to the episode whatever `clear_at_reset` is.
+_KEPT = ("key", "episodes")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Form:
+    """The form of an observation of one row."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    is_array: bool
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+
+class FaultMemory:
+    """See the module's docstring.
+
+    Attributes:
+      settings: the faults.
+      values: the memory of all rows by name, (n, ...) each.
+    """
+
+    def __init__(
+        self,
+        settings: Faults,
+        action_spec: object,
+        observation: Mapping[str, Any],  # numbers and arrays
+        num_envs: int | None = None,
+    ) -> None:
+        """Remembers nothing yet.
+
+        Args:
+          settings: the faults.
+          action_spec: of one row's actions.
+          observation: of one row, as the task returns it.
+          num_envs: number of rows; None for a single environment.
+
+        Raises:
+          TypeError: actions or observations are not numbers, or dummies have their names.
+        """
+        if not isinstance(action_spec, specs.BoundedArray):
+            raise TypeError(f"faults need actions in one bounded array; the spec is {action_spec}")
+        self.settings = settings
+        self._spec, self._first = action_spec, observation
+        self._forms = {name: _form(name, value) for name, value in observation.items()}
+        self._is_single = num_envs is None
+        self._dummies = [f"dummy-{number}" for number in range(settings.dummies)]
+        taken = [name for name in self._dummies if name in self._forms]
+        if taken:
+            raise TypeError(f"the task observes {taken[0]!r}, the name of a dummy: set dummies to 0")
+        self.values = self._cleared(num_envs or 1)
+        self._pending: dict[str, np.ndarray] = {}  # the memory after an action that was not taken
+
+    def of_rows(self, num_envs: int) -> Self:
+        """The same faults for a batch."""
+        return type(self)(self.settings, self._spec, self._first, num_envs)
+
+    def _cleared(self, rows: int) -> dict[str, np.ndarray]:
+        delay, actions = self.settings.delay, math.prod(self._spec.shape)
+        observed = sum(form.size for form in self._forms.values())
+        return {
+            "key": np.zeros(rows, np.uint64),
+            "episodes": np.zeros(rows, int),
+            "step": np.zeros(rows, int),
+            "has_acted": np.zeros(rows, bool),
+            "actions": np.zeros((rows, delay.actions + 1, actions)),
+            "dropped_actions": np.zeros((rows, actions), int),
+            "stuck_actions": np.zeros((rows, actions), int),
+            "last_action": np.zeros((rows, actions)),
+            "repetitions": np.zeros(rows, int),
+            "repeated_action": np.zeros((rows, actions)),
+            "has_reward": np.zeros(rows, bool),
+            "rewards": np.zeros((rows, delay.rewards + 1)),
+            "has_observed": np.zeros(rows, bool),
+            "observations": np.zeros((rows, delay.observations + 1, observed)),
+            "dropped": np.zeros((rows, observed), int),
+            "stuck": np.zeros((rows, observed), int),
+            "last_observation": np.zeros((rows, observed)),
+            "shown": np.zeros((rows, observed + len(self._dummies))),
+        }
+
+    # The life of an episode.
+
+    def begin(self, row: int, stream: np.random.RandomState) -> None:
+        """Begins an episode in a row; it will be drawn from the stream, which is not advanced."""
+        values = self.values
+        values["key"][row] = draws.key_of(stream, int(values["episodes"][row]))
+        values["episodes"][row] += 1
+        values["step"][row] = 0
+        self.forget(row)
+
+    def forget(self, rows: int | np.ndarray) -> None:
+        """Clears what rows remember of their episode, if the settings say so."""
+        if self.settings.clear_at_reset:
+            self._clear(rows, [name for name in self.values if name not in _KEPT])
+
+    def begin_again(self, rows: int | list[int]) -> None:
+        """Clears everything that rows remember, as for a new seed."""
+        self._clear(rows, list(self.values))
+
+    def _clear(self, rows: int | np.ndarray | list[int], names: list[str]) -> None:
+        for name in names:
+            self.values[name][rows] = 0
+
+    # The parts of a step.
+
+    def act(self, given: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """The actions that reach the task; nothing is remembered until `accept`.
+
+        Args:
+          given: the actions, (n, ...), or of a single environment; one of another shape than the
+            spec's is returned unchanged, for the task to refuse.
+          rows: mask of rows that step, (n,); the actions of others are unchanged. None for all.
+        """
+        self._pending = {}
+        shape = self._spec.shape if self._is_single else (len(self.values["key"]), *self._spec.shape)
+        numbers = np.asarray(given)
+        is_one_each = numbers.size == len(self.values["key"]) == math.prod(shape)
+        if numbers.shape != shape and not is_one_each:
+            return given
+        flat = np.asarray(numbers, float).reshape(len(self.values["key"]), -1)
+        faulty = self._acted(flat)
+        if rows is not None:
+            faulty[~rows] = flat[~rows]
+        return faulty.reshape(numbers.shape)
+
+    def _acted(self, given: np.ndarray) -> np.ndarray:
+        values, settings, new = self.values, self.settings, self._pending
+        new["actions"] = _pushed(values["actions"], given, values["has_acted"])
+        action = new["actions"][:, 0].copy()
+        if settings.noise.actions:
+            noise = self._normal(_ACTION_NOISE, action.shape[1])
+            low, high = (np.ravel(bound) for bound in (self._spec.minimum, self._spec.maximum))
+            action = np.clip(action + settings.noise.actions * noise, low, high)
+        lost = self._lost("dropped_actions", settings.dropped.actions, _DROPPED_ACTIONS, new)
+        action[lost] = 0.0
+        lost = self._lost("stuck_actions", settings.stuck.actions, _STUCK_ACTIONS, new)
+        lost &= values["has_acted"][:, None]  # before, nothing is there to keep
+        action[lost] = values["last_action"][lost]
+        new["last_action"] = action.copy()
+        return self._repeated(action)
+
+    def _repeated(self, action: np.ndarray) -> np.ndarray:
+        """The action, or the last one where that is repeated."""
+        values, fault, new = self.values, self.settings.repetition, self._pending
+        goes_on = values["repetitions"] > 0
+        action[goes_on] = values["repeated_action"][goes_on]
+        hit = self._uniform(_REPETITION, 1)[:, 0] < fault.probability
+        left = np.where(goes_on, values["repetitions"] - 1, np.where(hit, fault.steps - 1, 0))
+        new["repetitions"], new["repeated_action"] = left, action.copy()
+        new["has_acted"] = np.ones(len(action), bool)
+        return action
+
+    def accept(self, rows: np.ndarray | None = None) -> None:
+        """Remembers the actions of the last `act`, which the task has taken, in a mask of rows."""
+        self._keep(self._pending, rows)
+        self._pending = {}
+
+    def reward(self, given: Any, rows: np.ndarray | None = None) -> Any:  # a number, or an array
+        """The rewards that are received.
+
+        Args:
+          given: the rewards, (n,), or one number.
+          rows: mask of rows that stepped; others get their rewards unchanged.
+        """
+        if not self.settings.delay.rewards:
+            return given
+        values = self.values
+        flat = np.broadcast_to(np.asarray(given, float), values["has_reward"].shape)
+        queue = _pushed(values["rewards"], flat, values["has_reward"])
+        self._keep({"rewards": queue, "has_reward": np.ones(len(flat), bool)}, rows)
+        if self._is_single:
+            return float(queue[0, 0])
+        return queue[:, 0] if rows is None else np.where(rows, queue[:, 0], flat)
+
+    def observe(
+        self, given: Mapping[str, Any], rows: np.ndarray | None = None
+    ) -> MutableMapping[str, Any]:
+        """The observation that is received, of the type of the given one.
+
+        Args:
+          given: the task's observation.
+          rows: mask of rows that observe, (n,); others show their last observation again.
+        """
+        values, settings = self.values, self.settings
+        count = len(values["key"])
+        flat = [np.asarray(given[name], float).reshape(count, -1) for name in self._forms]
+        seen = np.concatenate(flat, axis=1)
+        new: dict[str, np.ndarray] = {}
+        if settings.noise.observations:
+            seen = seen + settings.noise.observations * self._normal(_NOISE, seen.shape[1])
+        lost = self._lost("dropped", settings.dropped.observations, _DROPPED, new)
+        seen[lost] = 0.0
+        lost = self._lost("stuck", settings.stuck.observations, _STUCK, new)
+        lost &= values["has_observed"][:, None]
+        seen[lost] = values["last_observation"][lost]
+        new["last_observation"], new["has_observed"] = seen, np.ones(count, bool)
+        new["observations"] = _pushed(values["observations"], seen, values["has_observed"])
+        dummies = self._normal(_DUMMIES, len(self._dummies))
+        new["shown"] = np.concatenate([new["observations"][:, 0], dummies], axis=1)
+        new["step"] = values["step"] + 1
+        self._keep(new, rows)
+        return self.shown(given)
+
+    def shown(self, like: Mapping[str, Any]) -> MutableMapping[str, Any]:
+        """The last observation of all rows, of the type of a given one."""
+        make: Any = type(like)  # the type of a user's mapping
+        shown, count, found = self.values["shown"], len(self.values["key"]), []
+        start = 0
+        for name, form in self._all_forms().items():
+            stop = start + form.size
+            part = shown[:, start:stop].astype(form.dtype).reshape(count, *form.shape)
+            if self._is_single:
+                part = part[0] if form.is_array else part[0][()]
+            found.append((name, part))
+            start = stop
+        return make(found)
+
+    def specs_with(self, known: Mapping[str, specs.Array]) -> Mapping[str, specs.Array]:
+        """Specs of the observations of one row, given those of the task's."""
+        dummies = [(name, specs.Array((), float, name=name)) for name in self._dummies]
+        return collections.OrderedDict([*known.items(), *dummies])
+
+    def _all_forms(self) -> dict[str, _Form]:
+        dummy = _Form((), np.dtype(float), is_array=False)
+        return {**self._forms, **dict.fromkeys(self._dummies, dummy)}
+
+    # Snapshots.
+
+    def save(self, rows: np.ndarray | None) -> dict[str, np.ndarray]:
+        """Copies of the memory of rows, None for all: (n, ...) by name."""
+        index = slice(None) if rows is None else rows
+        return {name: values[index].copy() for name, values in self.values.items()}
+
+    def load(self, saved: Mapping[str, np.ndarray], rows: np.ndarray | None) -> None:
+        """Restores the result of `save`."""
+        index = slice(None) if rows is None else rows
+        for name, values in self.values.items():
+            values[index] = saved[name]
+
+    def _keep(self, new: Mapping[str, np.ndarray], rows: np.ndarray | None) -> None:
+        for name, values in new.items():
+            if rows is None:
+                self.values[name] = values
+            else:
+                self.values[name][rows] = values[rows]
+
+    def _lost(
+        self, name: str, fault: Fault, kind: int, new: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """Mask of the numbers that have a fault in this step; adds what is left of it to `new`."""
+        left = self.values[name]
+        if not fault.probability:
+            return np.zeros(left.shape, bool)
+        hit = self._uniform(kind, left.shape[1]) < fault.probability
+        left = np.where((left == 0) & hit, fault.steps, left)
+        new[name] = np.maximum(left - 1, 0)
+        return left > 0
+
+    def _uniform(self, kind: int, count: int) -> np.ndarray:
+        return draws.uniform(self.values["key"], self.values["step"], kind, count)
+
+    def _normal(self, kind: int, count: int) -> np.ndarray:
+        return draws.normal(self.values["key"], self.values["step"], kind, count)
+
+
+def _form(name: str, value: object) -> _Form:
+    """The form of an observation; raises TypeError if it is not made of numbers."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"faults need observations of numbers; {name!r} is {value!r}")
+    return _Form(array.shape, array.dtype, isinstance(value, np.ndarray))
+
+
+def _pushed(queue: np.ndarray, new: np.ndarray, are_filled: np.ndarray) -> np.ndarray:
+    """Queues with a value added at the end and the first one removed; a new one is filled with it.
+
+    Args:
+      queue: (n, length, ...).
+      new: (n, ...).
+      are_filled: mask of the queues that have values already, (n,).
+    """
+    pushed = np.concatenate([queue[:, 1:], new[:, None]], axis=1)
+    pushed[~are_filled] = new[~are_filled][:, None]
+    return pushed
