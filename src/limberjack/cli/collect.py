@@ -15,6 +15,7 @@ from limberjack.cli.options import (
     AnyProcessor,
     EnvironmentName,
     Episodes,
+    Faults,
     OptionalDomain,
     PolicyName,
     Ray,
@@ -30,6 +31,7 @@ from limberjack.cli.options import (
     chosen_seeds,
     named_environment,
     shard_named,
+    world_named,
 )
 from limberjack.cli.output import (
     failures_reported,
@@ -103,6 +105,7 @@ def _collect(
     shard: Shard = None,
     any_processor: AnyProcessor = False,
     vectorised: Vectorised = None,
+    faults: Faults = None,
 ) -> None:
     """Collect the episodes of a policy into Parquet files, in the folder episodes of DIR.
 
@@ -116,6 +119,7 @@ def _collect(
         where = None if task_set else named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
+        world = world_named(env, faults)
     search_working_directory(policy)
     _check_extras(format)
     with (
@@ -140,6 +144,7 @@ def _collect(
             shard=part,
             any_processor=any_processor,
             vectorised=vectorised,
+            world=world,
             on_progress=progress.show,
             on_state=progress.show_state,
             command=command_line(),

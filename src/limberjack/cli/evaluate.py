@@ -11,6 +11,7 @@ from limberjack.cli.options import (
     AnyProcessor,
     EnvironmentName,
     Episodes,
+    Faults,
     OptionalDomain,
     Out,
     Ray,
@@ -25,6 +26,7 @@ from limberjack.cli.options import (
     chosen_seeds,
     named_environment,
     shard_named,
+    world_named,
 )
 from limberjack.cli.output import (
     add_summaries,
@@ -85,6 +87,7 @@ def _evaluate(
     shard: Shard = None,
     any_processor: AnyProcessor = False,
     vectorised: Vectorised = None,
+    faults: Faults = None,
 ) -> None:
     """Measure the returns of a policy: mean with its interval, median and success rate.
 
@@ -98,7 +101,8 @@ def _evaluate(
     names = policy or ["zero"]
     if task_set is not None:
         with misuse_reported():
-            _check_fixed(domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
+            given = (domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
+            _check_fixed(*given, faults)
         _evaluate_set(task_set, names, out, threads, workers, ray, any_processor)
         return
     with misuse_reported():
@@ -106,6 +110,7 @@ def _evaluate(
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
         name = _only(names)
+        world = world_named(env, faults)
     search_working_directory(name)
     with (
         remarks_reported(),
@@ -128,6 +133,7 @@ def _evaluate(
             shard=part,
             any_processor=any_processor,
             vectorised=vectorised,
+            world=world,
             on_progress=progress.show,
             on_state=progress.show_state,
             command=command_line(),
@@ -145,6 +151,7 @@ _FIXED = (
     "--action-repeat",
     "--shard",
     "--vectorised",
+    "--faults",
 )
 
 

@@ -1,7 +1,9 @@
 """Arguments and options that several commands have, described in the same words."""
 
+import json
 import math
 import re
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -14,6 +16,7 @@ from limberjack.utils.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from limberjack.workers.factories import Make
+    from limberjack.worlds import World
 
 __all__ = [
     "ActionRepeat",
@@ -21,6 +24,7 @@ __all__ = [
     "Domain",
     "EnvironmentName",
     "Episodes",
+    "Faults",
     "OptionalDomain",
     "Out",
     "PolicyName",
@@ -41,6 +45,7 @@ __all__ = [
     "named_environment",
     "named_task",
     "shard_named",
+    "world_named",
 ]
 
 _DOMAIN = typer.Argument(
@@ -152,6 +157,62 @@ AnyProcessor = Annotated[
         help="Accept processors that round differently, and record which one played.",
     ),
 ]
+
+Faults = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Faults of the real world: easy, medium, hard, a file .toml or .json, or a mapping of "
+        'JSON, such as {"delay": {"actions": 3}}.',
+    ),
+]
+
+
+def world_named(env: str | None = None, faults: str | None = None) -> "World | None":
+    """The options of the world that the options of a command give; None without any.
+
+    Args:
+      env: the function of --env, which sets its world itself.
+      faults: of --faults.
+
+    Raises:
+      ValueError: a name or a value is unknown, a file cannot be read, or there is --env.
+    """
+    if faults is None:
+        return None
+    if env is not None:
+        raise ValueError(f"got --faults and --env {env}, which makes the environment: set it there")
+    from limberjack.worlds.faults import Faults
+
+    given = _name_or_mapping("--faults", faults)
+    try:
+        Faults.of(given)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+    return {"faults": given}
+
+
+def _name_or_mapping(option: str, text: str) -> str | dict[str, object]:
+    """The content of a file, or a mapping of JSON; any other text is a name.
+
+    Raises:
+      ValueError: the file or the text cannot be read.
+    """
+    path = Path(text)
+    if path.suffix in (".toml", ".json"):
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise ValueError(f"{option} {path} cannot be read: {error}") from None
+    elif not text.startswith("{"):
+        return text
+    try:
+        content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
+    except ValueError as error:
+        raise ValueError(f"{option} {path} is no mapping: {error}") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{option} {path} is {content!r}; expected a mapping")
+    return content
 
 
 def shard_named(shard: str | None, out: object) -> tuple[int, int] | None:

@@ -11,12 +11,14 @@ from limberjack.cli.app import command
 from limberjack.cli.options import (
     ActionRepeat,
     EnvironmentName,
+    Faults,
     OptionalDomain,
     PolicyName,
     Seed,
     TaskName,
     function_named,
     named_environment,
+    world_named,
 )
 from limberjack.cli.output import (
     FAILED,
@@ -75,6 +77,7 @@ def _record(
     policy: PolicyName = "zero",
     seed: Seed = 0,
     action_repeat: ActionRepeat = None,
+    faults: Faults = None,
     camera: _Camera = None,
     height: _Pixels = 480,
     width: _Pixels = 640,
@@ -96,11 +99,12 @@ def _record(
     search_working_directory(policy)
     with remarks_reported(), _failures_reported(out) as show:
         if dataset is not None:
-            given = (domain, task, seconds, action_repeat)
+            given = (domain, task, seconds, action_repeat, faults)
             if any(one is not None for one in given) or policy != "zero" or rows > 1:
                 raise ValueError(
                     f"--from {dataset} has the task, the policy and the length of the episode: "
-                    "leave out DOMAIN TASK, --policy, --action-repeat, --seconds and --rows"
+                    "leave out DOMAIN TASK, --policy, --action-repeat, --faults, --seconds and "
+                    "--rows"
                 )
             from limberjack import data
 
@@ -122,6 +126,7 @@ def _record(
                 seconds=seconds,
                 rows=rows,
                 action_repeat=action_repeat,
+                world=world_named(env, faults),
                 on_progress=show,
                 **view,
             )

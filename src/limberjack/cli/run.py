@@ -14,6 +14,7 @@ from limberjack.cli.options import (
     ActionRepeat,
     EnvironmentName,
     Episodes,
+    Faults,
     OptionalDomain,
     Out,
     PolicyName,
@@ -25,6 +26,7 @@ from limberjack.cli.options import (
     chosen_seeds,
     finite,
     named_environment,
+    world_named,
 )
 from limberjack.cli.output import (
     FAILED,
@@ -68,6 +70,7 @@ def _run(
     action_repeat: ActionRepeat = None,
     threads: Threads = None,
     vectorised: Vectorised = None,
+    faults: Faults = None,
 ) -> None:
     """Run episodes of a task and show their returns.
 
@@ -95,6 +98,7 @@ def _run(
                 action_repeat=action_repeat,
                 scale=scale_of(progress, threads=threads, vectorised=vectorised),
                 replaces=True,
+                world=world_named(env, faults),
                 command=command_line(),
             )
         status = finish(run, progress, out)

@@ -9,6 +9,7 @@ import typer
 from limberjack.cli.app import command
 from limberjack.cli.options import (
     EnvironmentName,
+    Faults,
     OptionalDomain,
     PolicyName,
     Seed,
@@ -16,6 +17,7 @@ from limberjack.cli.options import (
     TimeLimit,
     finite,
     named_environment,
+    world_named,
 )
 from limberjack.cli.output import (
     FAILED,
@@ -54,6 +56,7 @@ def _view(
     policy: PolicyName = _NO_POLICY,
     seed: Seed = 0,
     time_limit: TimeLimit = None,
+    faults: Faults = None,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Show stage and terms of the plans of --policy planner."),
@@ -87,7 +90,8 @@ def _view(
         from limberjack.viewer import Plans
         from limberjack.workers.factories import factory_of
 
-        factory = factory_of(*named_environment(domain, task, env, time_limit), finite(time_limit))
+        where = named_environment(domain, task, env, time_limit)
+        factory = factory_of(*where, finite(time_limit), world_named(env, faults))
         show = _find_viewer(native, host, port, allow_host or [], factory.title)
         environment = _viewable(factory.make(seed))
         with remarks_reported():

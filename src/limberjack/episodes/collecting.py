@@ -37,6 +37,7 @@ from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, OnState, Scale
 from limberjack.workers.factories import Make
 from limberjack.workers.identity import advice_on, processor
+from limberjack.worlds import World
 
 __all__ = ["collect", "collect_set", "collect_with"]
 
@@ -59,6 +60,7 @@ def collect(
     shard: tuple[int, int] | None = None,
     any_processor: bool = False,
     vectorised: bool | None = None,
+    world: World | None = None,
     on_progress: OnProgress | None = None,
     on_state: OnState | None = None,
     command: str = "",
@@ -66,8 +68,8 @@ def collect(
     """Plays the episodes that a folder lacks, and writes them.
 
     Args:
-      domain, task, time_limit, action_repeat: as for `limberjack.evaluation.evaluate`. A dataset
-        has the name and the hash of a function that makes environments, for comparison only.
+      domain, task, time_limit, action_repeat, world: as for `limberjack.evaluation.evaluate`. Of a
+        function that makes environments, a dataset has the name and the hash, for comparison only.
       policy: its name, or the function, object or class itself; see `limberjack.policies`.
       seeds: increasing, from 0 to 2**32 - 1.
       out: the folder, which is created if needed; episodes that it has are not played again.
@@ -102,6 +104,7 @@ def collect(
         scale=Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised),
         shard=shard,
         is_kept=True,
+        world=world,
     )
     directory = Path(out).absolute()  # a policy may change folders
     with contextlib.closing(player):
@@ -217,6 +220,7 @@ def _in_order(episodes: Iterable[Episode]) -> list[Episode]:
 
 def _recipe(identity: Facts, environment: dm_env.Environment, kept: Kept, file_mb: float) -> Recipe:
     """The recipe of the episodes of an identity."""
+    identity = {name: fact for name, fact in identity.items() if name != "world" or fact}
     facts = {**identity, "versions": {**identity["versions"], "pyarrow": PYARROW}}
     return recipe_of(facts, environment, kept, file_mb)
 

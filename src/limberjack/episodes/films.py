@@ -36,6 +36,7 @@ from limberjack.see.video import SIZE, Film, first_camera, mosaic
 from limberjack.utils.files import Hold, open_regular
 from limberjack.utils.seeds import SEEDS, checked_seed
 from limberjack.workers.factories import Factory, Make, factory_of
+from limberjack.worlds import World
 
 if TYPE_CHECKING:
     from limberjack.episodes.dataset import Dataset  # which needs the extra 'data'
@@ -71,6 +72,7 @@ def record(
     seconds: float | None = None,
     rows: int = 1,
     action_repeat: int | None = None,
+    world: World | None = None,
     on_progress: _OnProgress | None = None,
     **view: Unpack[View],
 ) -> Path:
@@ -85,6 +87,7 @@ def record(
       seconds: of simulated time; by default the task's time limit.
       rows: number of episodes side by side, at most 64. One that ends early keeps its last picture.
       action_repeat: control steps per action; None for the environment's own.
+      world: options such as {'faults': 'easy'}, see `limberjack.worlds`; None with a function.
       on_progress: called before the episode begins and after each step, with the steps so far,
         those in all, and the return so far (of several episodes the mean).
       view: camera (its number or name; -1 is the free camera; by default the model's first one, or
@@ -113,7 +116,7 @@ def record(
     if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
         raise ValueError(f"seconds is {seconds}; expected a positive number of seconds")
     # Episodes of the suite may be longer than the task's own time limit.
-    factory = factory_of(domain, task, None if callable(domain) else seconds)
+    factory = factory_of(domain, task, None if callable(domain) else seconds, world)
     if action_repeat is None and callable(domain):
         with contextlib.closing(factory.make(first)) as one:
             own = inside(one).action_repeat

@@ -28,6 +28,7 @@ from limberjack.utils.facts import Facts
 from limberjack.workers import OnProgress, Scale, Setup, Unit, shard_of, units_of
 from limberjack.workers.factories import Make, factory_of
 from limberjack.workers.identity import canary_of, identity_of
+from limberjack.worlds import World
 
 __all__ = ["OnEnded", "Player", "Progress", "play_unit"]
 
@@ -65,11 +66,13 @@ class Player:
         shard: tuple[int, int] | None = None,
         is_kept: bool = False,
         actor: Actor | None = None,
+        world: World | None = None,
     ) -> None:
         """Checks all arguments; nothing is played or written.
 
         Args:
-          domain, task, policy, time_limit, action_repeat: see `limberjack.evaluation.evaluate`.
+          domain, task, policy, time_limit, action_repeat, world: see
+            `limberjack.evaluation.evaluate`.
           seeds: of the episodes, at least one.
           scale: number and kind of workers.
           shard: (K, N) for the K-th of N parts of the seeds.
@@ -84,7 +87,7 @@ class Player:
         self.scale = scale or Scale()
         self.wanted = seeds
         self.seeds = seeds if shard is None else shard_of(seeds, *shard)
-        self.factory = factory_of(domain, task, time_limit)
+        self.factory = factory_of(domain, task, time_limit, world)
         how = {"is_kept": is_kept, "vectorised": self.scale.vectorised}
         self.environment = checked_environment(self.factory, seeds, **how)
         try:

@@ -128,7 +128,7 @@ class Recipe:
     Attributes:
       facts: `domain` and `task`, or `environment` and `environment_sha256`; `policy`,
         `policy_sha256`, `time_limit` and `control_timestep` in seconds, `action_repeat`,
-        `versions` (pyarrow's too) and `fingerprint`.
+        `versions` (pyarrow's too) and `fingerprint`; and `world` if that is not the suite's.
       kept: what is kept of each step.
       columns: of the files, in order.
       file_mb: megabytes of a file before compression; None for format 1.
@@ -281,6 +281,9 @@ def environments_of(recipe: Recipe, make: Make | None = None) -> tuple[dm_env.En
     factory = _factory(recipe, make)
     environment = factory.make(0)
     difference = recipe.difference(recipe.here(environment))
+    world = inside(environment).world
+    if world != facts.get("world"):
+        difference = f"world is {facts.get('world')} and here {world}"
     timestep = inside(environment).control_timestep()
     if timestep != facts["control_timestep"]:
         difference = f"control_timestep is {facts['control_timestep']} and here {timestep}"
@@ -304,7 +307,7 @@ def _factory(recipe: Recipe, make: Make | None) -> Factory:
             )
         # Half a step less, so that rounding does not add one.
         seconds = (recipe.step_limit - 0.5) * facts["control_timestep"]
-        return factory_of(facts["domain"], facts["task"], seconds)
+        return factory_of(facts["domain"], facts["task"], seconds, facts.get("world"))
     factory = factory_of(make)
     for name, value in factory.facts.items():
         if facts.get(name) != value:
@@ -429,6 +432,8 @@ def _checked_facts(content: Facts) -> Facts:
     """The facts; raises ValueError if one is missing, unknown or of another kind."""
     where = _WHERE[0] if "domain" in content else _WHERE[1]
     kinds = {**where, **_FACTS}
+    if "world" in content:
+        kinds["world"] = dict
     if content.keys() != kinds.keys():
         raise ValueError(f"its facts are {sorted(content)}; expected {sorted(kinds)}")
     for name, kind in kinds.items():

@@ -32,6 +32,7 @@ from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, Scale
 from limberjack.workers.factories import Make
+from limberjack.worlds import World
 
 __all__ = ["Run"]
 
@@ -60,12 +61,13 @@ class Run:
         shard: tuple[int, int] | None = None,
         replaces: bool = False,
         actor: Actor | None = None,
+        world: World | None = None,
         command: str = "",
     ) -> None:
         """Checks all arguments; nothing is played or written yet.
 
         Args:
-          domain, task, policy, time_limit: as `limberjack.evaluation.evaluate` takes them.
+          domain, task, policy, time_limit, world: as `limberjack.evaluation.evaluate` takes them.
           seeds: increasing.
           out: a folder for the results; None for none.
           action_repeat: control steps per action; None for the environment's own.
@@ -101,6 +103,7 @@ class Run:
             shard=shard,
             is_kept=out is not None,
             actor=actor,
+            world=world,
         )
         try:
             self._seeds = self._player.seeds
@@ -117,8 +120,11 @@ class Run:
     def _facts_of(self, identity: Facts) -> dict[str, object]:
         """The facts of the result."""
         names = [*self._player.factory.facts, "policy", "time_limit", "control_timestep"]
-        repeat = [] if self._player.action_repeat == 1 else ["action_repeat"]
-        return {name: identity[name] for name in names + repeat}
+        if self._player.action_repeat != 1:
+            names.append("action_repeat")
+        if identity["world"] is not None:
+            names.append("world")
+        return {name: identity[name] for name in names}
 
     def _can_keep(self) -> bool:
         """Whether steps can be kept; the reason is left out otherwise."""

@@ -22,6 +22,7 @@ from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit
 from limberjack.workers.factories import Make
+from limberjack.worlds import World
 
 __all__ = ["FLOORS", "evaluate", "play_unit"]
 
@@ -44,6 +45,7 @@ def evaluate(
     shard: tuple[int, int] | None = None,
     any_processor: bool = False,
     vectorised: bool | None = None,
+    world: World | None = None,
     on_progress: OnProgress | None = None,
     on_state: OnState | None = None,
     command: str = "",
@@ -78,6 +80,8 @@ def evaluate(
         differently. The result then names the processor of each episode.
       vectorised: None vectorises the task if that changes no number; True raises the reason if it
         would; False plays in complete environments.
+      world: options by which the task's world differs from the suite's, such as
+        {'faults': 'easy'}; see `limberjack.worlds`. None with a function, which sets it itself.
       on_progress: called before a policy's first step, and after each step and episode, with the
         name of the policy, the number of finished episodes of all policies, and how many episodes'
         worth of steps the running ones have played. With workers, called after each unit of up to
@@ -108,6 +112,7 @@ def evaluate(
         scale=Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised),
         shard=shard,
         is_kept=directory is not None,
+        world=world,
     )
     with contextlib.closing(player):
         canary = None if directory is None else player.canary

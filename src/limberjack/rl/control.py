@@ -250,7 +250,7 @@ class Environment(dm_env.Environment):
         """Begins a control step of an action, by its number: 0, or more if actions are repeated."""
         task, faults = self._task, self._faults
         if faults is not None:
-            action = faults.act(action)
+            action = faults.act(getattr(action, "continuous_actions", action))
         task.before_step(action, self._physics)
         if faults is not None:
             faults.accept()

@@ -172,8 +172,8 @@ def load(
         `limberjack.worlds.faults`.
 
     Raises:
-      ValueError: there is no such domain or task, or there are no such faults; or actions cannot be repeated in an environment
-        of another class than `control.Environment`.
+      ValueError: there is no such domain or task, or there are no such faults; or actions cannot
+        be repeated in an environment of another class than `control.Environment`.
       TypeError: there is no such keyword.
     """
     of_environment = with_keyword("faults", faults, environment_kwargs, "environment_kwargs")

@@ -23,6 +23,7 @@ from limberjack.rl.builds import Build, takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.sources import defined_in, hash_of_source, imported
+from limberjack.worlds import World
 
 __all__ = ["Factory", "Make", "factory_of"]
 
@@ -40,12 +41,15 @@ class Factory:
         `environment_sha256`.
       make: makes an environment whose first episode belongs to the seed; raises ValueError if there
         is no such domain, task or time limit, and TypeError if the function makes something else.
+      time_limit: seconds per episode; None for the task's own.
+      world: options of the world; see `limberjack.worlds`.
     """
 
     title: str
     facts: dict[str, str | None]
     make: Make
     time_limit: float | None = None
+    world: World | None = None
 
     def build(self, environment: dm_env.Environment) -> Build:
         """The build of the rows of a batch.
@@ -72,7 +76,9 @@ class Factory:
     def lasting(self, time_limit: float | None = None) -> "Factory":
         """The same factory with another time limit, the task's own if None; a function stays."""
         domain, task = self.facts.get("domain"), self.facts.get("task")
-        return self if domain is None or task is None else _of_the_suite(domain, task, time_limit)
+        if domain is None or task is None:
+            return self
+        return _of_the_suite(domain, task, time_limit, self.world)
 
     @property
     def is_known(self) -> bool:
@@ -84,6 +90,7 @@ def factory_of(
     domain: str | Make | dm_env.Environment,
     task: str | None = None,
     time_limit: float | None = None,
+    world: World | None = None,
 ) -> Factory:
     """The factory of a task of the suite, or of a function `make(seed) -> dm_env.Environment`.
 
@@ -91,21 +98,22 @@ def factory_of(
       domain: a name such as 'humanoid', the function, or an environment to copy.
       task: such as 'walk'; None with a function or an environment.
       time_limit: seconds per episode; None for the task's own, as it must be with a function.
+      world: options such as {'faults': 'easy'}, see `limberjack.worlds`; None with a function.
 
     Raises:
       TypeError: arguments are missing or too many, or the function takes no seed.
     """
     if isinstance(domain, dm_env.Environment):
-        _refuse_beside(type(domain).__name__, task, time_limit)
+        _refuse_beside(type(domain).__name__, task, time_limit, world)
         name = type(domain).__name__
         facts: dict[str, str | None] = {"environment": name, "environment_sha256": None}
         return Factory(name, facts, Build.of(domain).make)
     if not callable(domain):
         if task is None:
             raise TypeError(f"domain is {domain!r} and task is None; expected the name of a task")
-        return _of_the_suite(domain, task, time_limit)
+        return _of_the_suite(domain, task, time_limit, world)
     name = name_of(domain)
-    _refuse_beside(name, task, time_limit)
+    _refuse_beside(name, task, time_limit, world)
     if not takes_a_seed(domain):
         raise TypeError(f"{name} cannot be called with a seed; expected make(seed) -> Environment")
     is_named = defined_in(domain) is domain and "<" not in name and imported(name) is domain
@@ -120,8 +128,10 @@ def factory_of(
     return Factory(name, facts, make)
 
 
-def _refuse_beside(name: str, task: str | None, time_limit: float | None) -> None:
-    for argument, value in (("task", task), ("time_limit", time_limit)):
+def _refuse_beside(
+    name: str, task: str | None, time_limit: float | None, world: World | None
+) -> None:
+    for argument, value in (("task", task), ("time_limit", time_limit), ("world", world)):
         if value is not None:
             raise TypeError(
                 f"{argument} is {value!r}, but {name} makes the environment: leave it out, and set "
@@ -129,10 +139,12 @@ def _refuse_beside(name: str, task: str | None, time_limit: float | None) -> Non
             )
 
 
-def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
+def _of_the_suite(domain: str, task: str, time_limit: float | None, world: World | None) -> Factory:
     more = {} if time_limit is None else {"time_limit": time_limit}
+    of_environment = dict(world) if world else None
 
     def make(seed: int) -> dm_env.Environment:
-        return suite.load(domain, task, {"random": checked_seed(seed), **more})
+        return suite.load(domain, task, {"random": checked_seed(seed), **more}, of_environment)
 
-    return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make, time_limit)
+    facts: dict[str, str | None] = {"domain": domain, "task": task}
+    return Factory(f"{domain} {task}", facts, make, time_limit, world)

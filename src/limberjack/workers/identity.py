@@ -66,6 +66,7 @@ def identity_of(
         "time_limit": None if limit is None else limit * control_timestep,
         "control_timestep": control_timestep,
         "action_repeat": inner.action_repeat if action_repeat is None else action_repeat,
+        "world": inner.world,
         "versions": versions(),
         "fingerprint": fingerprint(inner.physics.model._model),
     }

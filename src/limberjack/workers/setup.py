@@ -34,6 +34,7 @@ from limberjack.workers.identity import (
     processor,
 )
 from limberjack.workers.shipping import Shipped, ship, unpack
+from limberjack.worlds import World
 
 __all__ = ["Opened", "Refused", "Setup", "prepare", "setup_of"]
 
@@ -51,12 +52,13 @@ class _Made:
     domain: str  # of the suite or registered; or MODULE:FUNCTION
     task: str | None
     time_limit: float | None
+    world: World | None
     registration: object  # registers the domain where it is unpickled
 
     def factory(self) -> Factory:
         if self.task is None:
             return factory_of(_function(self.domain))
-        return factory_of(self.domain, self.task, self.time_limit)
+        return factory_of(self.domain, self.task, self.time_limit, self.world)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -258,13 +260,13 @@ def _made(factory: Factory, environment: dm_env.Environment) -> _Made:
     domain, task = factory.facts.get("domain"), factory.facts.get("task")
     if domain is not None:
         registration = getattr(environment, "registration", None)
-        return _Made(domain, task, factory.time_limit, registration)
+        return _Made(domain, task, factory.time_limit, factory.world, registration)
     if not factory.is_known or factory.title.startswith("__main__:"):
         raise ValueError(
             f"{factory.title} cannot be imported by other processes: define make(seed) at the top "
             "level of a module other than the main program"
         )
-    return _Made(factory.title, None, None, None)
+    return _Made(factory.title, None, None, None, None)
 
 
 def _function(name: str) -> Callable[[int], dm_env.Environment]:

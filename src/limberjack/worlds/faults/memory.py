@@ -24,6 +24,7 @@ from collections.abc import Mapping, MutableMapping
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.worlds.faults import draws
@@ -86,7 +87,9 @@ class FaultMemory:
         self._dummies = [f"dummy-{number}" for number in range(settings.dummies)]
         taken = [name for name in self._dummies if name in self._forms]
         if taken:
-            raise TypeError(f"the task observes {taken[0]!r}, the name of a dummy: set dummies to 0")
+            raise TypeError(
+                f"the task observes {taken[0]!r}, the name of a dummy: set dummies to 0"
+            )
         self.values = self._cleared(num_envs or 1)
         self._pending: dict[str, np.ndarray] = {}  # the memory after an action that was not taken
 
@@ -143,7 +146,7 @@ class FaultMemory:
 
     # The parts of a step.
 
-    def act(self, given: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+    def act(self, given: npt.ArrayLike, rows: np.ndarray | None = None) -> np.ndarray:
         """The actions that reach the task; nothing is remembered until `accept`.
 
         Args:
@@ -152,11 +155,13 @@ class FaultMemory:
           rows: mask of rows that step, (n,); the actions of others are unchanged. None for all.
         """
         self._pending = {}
-        shape = self._spec.shape if self._is_single else (len(self.values["key"]), *self._spec.shape)
+        shape = (
+            self._spec.shape if self._is_single else (len(self.values["key"]), *self._spec.shape)
+        )
         numbers = np.asarray(given)
         is_one_each = numbers.size == len(self.values["key"]) == math.prod(shape)
         if numbers.shape != shape and not is_one_each:
-            return given
+            return numbers
         flat = np.asarray(numbers, float).reshape(len(self.values["key"]), -1)
         faulty = self._acted(flat)
         if rows is not None:
@@ -284,9 +289,7 @@ class FaultMemory:
             else:
                 self.values[name][rows] = values[rows]
 
-    def _lost(
-        self, name: str, fault: Fault, kind: int, new: dict[str, np.ndarray]
-    ) -> np.ndarray:
+    def _lost(self, name: str, fault: Fault, kind: int, new: dict[str, np.ndarray]) -> np.ndarray:
         """Mask of the numbers that have a fault in this step; adds what is left of it to `new`."""
         left = self.values[name]
         if not fault.probability:

@@ -12,10 +12,8 @@ https://github.com/google-research/realworldrl_suite, commit be7a51c.
 
 import dataclasses
 import math
-import numbers
 import typing
 from collections.abc import Mapping
-from typing import Self
 
 from limberjack.utils.suggest import did_you_mean
 
@@ -214,16 +212,13 @@ def _checked_number(
     given: object, is_whole: bool, path: str, limits: Mapping[str, object]
 ) -> float:
     kind = "whole number" if is_whole else "number"
-    of_kind = numbers.Integral if is_whole else numbers.Real
-    if not isinstance(given, of_kind) or isinstance(given, bool):
+    if not isinstance(given, int if is_whole else int | float) or isinstance(given, bool):
         raise TypeError(f"{path} is {given!r}; expected a {kind}")
-    lowest, highest = typing.cast(
-        tuple[float, float], limits.get("range", (-math.inf, math.inf))
-    )
+    lowest, highest = typing.cast(tuple[float, float], limits.get("range", (-math.inf, math.inf)))
     if not (lowest <= given <= highest and math.isfinite(given)):
         bounds = f"{lowest} or more" if highest == math.inf else f"{lowest} to {highest}"
         raise ValueError(f"{path} is {given!r}; expected a {kind}, {bounds}")
-    return int(given) if is_whole else float(given)
+    return given if is_whole else float(given)
 
 
 def _combined(
