@@ -19,6 +19,7 @@ from limberjack.cli.options import (
     named_environment,
     named_task,
     shard_named,
+    world_named,
 )
 from limberjack.mujoco.camera import RenderingError
 from limberjack.utils.seeds import SEEDS
@@ -426,3 +427,59 @@ def test_a_function_is_found_in_the_working_directory(tmp_path: Path) -> None:
     assert len(data.load(tmp_path / "out")) == 2
     again = call("replay", "out", *own, directory=tmp_path)
     assert again.stdout == "out: 2 episodes, 10 steps, every bit the same\n"
+
+
+def test_faults_are_a_name_a_mapping_or_a_file(tmp_path: Path) -> None:
+    assert world_named() is None
+    assert world_named(faults="easy") == {"faults": "easy"}
+    expected = {"faults": {"delay": {"actions": 3}}}
+    assert world_named(faults='{"delay": {"actions": 3}}') == expected
+    for name, text in (("a.toml", "delay.actions = 3"), ("a.json", '{"delay": {"actions": 3}}')):
+        (tmp_path / name).write_text(text)
+        assert world_named(faults=str(tmp_path / name)) == expected
+
+
+@pytest.mark.parametrize(
+    ("faults", "env", "message"),
+    [
+        ("eesy", None, "there are no faults 'eesy'.*Did you mean 'easy'"),
+        ('{"dealy": {}}', None, "faults has no 'dealy'. Did you mean 'delay'"),
+        ("{", None, "--faults { is no mapping"),
+        ("no.toml", None, "--faults no.toml cannot be read"),
+        ("easy", "module:make", "got --faults and --env module:make, which makes the environment"),
+    ],
+)
+def test_faults_that_do_not_exist_are_refused(faults: str, env: str | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        world_named(env, faults)
+
+
+def test_an_unknown_fault_is_one_line_and_status_2_in_every_command(tmp_path: Path) -> None:
+    task = ("reacher", "easy", "--faults", "eesy")
+    commands = [(name,) for name in ("run", "evaluate", "view")]
+    commands += [("collect", "--out", str(tmp_path)), ("record", "--out", str(tmp_path / "a.gif"))]
+    for name, *more in commands:
+        result = invoke(name, *task, *more)
+        assert result.exit_code == 2, (name, result.output)
+        assert "there are no faults 'eesy'" in result.stderr
+        assert len(result.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_faults_are_evaluated_and_collected_and_replayed_as_part_of_the_identity(
+    tmp_path: Path,
+) -> None:
+    task = ("reacher", "easy", "--time-limit", "0.1", "--seeds", "0:2", "--threads", "1")
+    folder = ("--out", str(tmp_path / "scores"))
+    assert invoke("evaluate", *task, *folder, "--faults", "hard").exit_code == 0
+    found = json.loads((tmp_path / "scores" / "result.json").read_text())
+    assert found["world"]["faults"]["dummies"] == 50
+    other = invoke("evaluate", *task, *folder)
+    assert other.exit_code == 2
+    assert "world" in other.stderr
+    kept = ("--out", str(tmp_path / "data"), "--policy", "random", "--states")
+    assert invoke("collect", *task, *kept, "--faults", '{"delay": {"rewards": 2}}').exit_code == 0
+    dataset = data.load(tmp_path / "data")
+    assert dataset.recipe.facts["world"]["faults"]["delay"]["rewards"] == 2
+    assert data.replay(dataset, num_threads=1) is None
+    assert invoke("collect", *task, *kept).exit_code == 2

@@ -89,6 +89,8 @@ def test_the_size_of_an_episode_counts_every_row_and_each_field_once() -> None:
         ({"versions": {"mujoco": 4}}, "its versions are"),
         ({"domain": ["pendulum"]}, "its domain is"),
         ({"more": 1}, "its facts are"),
+        ({"world": "easy"}, "its world is 'easy'"),
+        ({"world": {"pixels": {}}}, r"its world has \['pixels'\]; expected some of"),
     ],
 )
 def test_a_forged_recipe_is_refused(changes: dict[str, Any], message: str) -> None:

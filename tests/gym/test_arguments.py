@@ -121,16 +121,16 @@ def test_separate_arguments_join_the_others_and_leave_the_callers_mapping_alone(
     assert arguments.task_arguments(given, 2.5) == {"random": 1, "time_limit": 2.5}
     assert arguments.task_arguments(None, None) == {}
     pixels, randomize = {"camera": 0}, {"body_mass": None}
-    joined = arguments.environment_arguments({"flat_observation": True}, randomize, pixels)
+    own = {"randomize": randomize, "pixels": pixels, "faults": None}
+    joined = arguments.environment_arguments({"flat_observation": True}, **own)
     assert joined == {"flat_observation": True, "randomize": randomize, "pixels": pixels}
     assert given == {"random": 1}
 
 
 @pytest.mark.parametrize("name", ["randomize", "pixels"])
 def test_an_argument_given_twice_is_refused_by_name(name: str) -> None:
-    alone: dict[str, Any] = {"randomize": None, "pixels": None, name: {}}
     with pytest.raises(TypeError, match=f"{name} is given twice"):
-        arguments.environment_arguments({name: {}}, **alone)
+        arguments.environment_arguments({name: {}}, **{name: {}})
     with pytest.raises(TypeError, match="time_limit is given twice"):
         arguments.task_arguments({"time_limit": 1}, 2.0)
 

@@ -89,3 +89,11 @@ def test_an_invalid_seed_is_refused(seed: Any) -> None:
     for factory in (factory_of(plain_domain.make), factory_of("humanoid", "stand")):
         with pytest.raises((TypeError, ValueError), match=f"seed is {seed}; expected a whole"):
             factory.make(seed)
+
+
+def test_a_world_is_that_of_every_environment_and_of_another_length() -> None:
+    factory = factory_of("reacher", "easy", 0.2, {"faults": {"dummies": 1}})
+    for one in (factory, factory.lasting(0.4)):
+        assert "dummy-0" in one.make(3).reset().observation
+    with pytest.raises(TypeError, match=r"world is \{'faults': 'easy'\}, but .* makes"):
+        factory_of(plain_domain.make, world={"faults": "easy"})

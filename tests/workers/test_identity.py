@@ -1,6 +1,7 @@
 """The identity of an episode's setup, and the canary."""
 
 import re
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,7 @@ from limberjack.workers.identity import (
     identity_of,
     processor,
 )
+from limberjack.worlds.faults import Faults
 
 from .playing import TASK
 
@@ -84,3 +86,21 @@ def test_only_what_a_processor_changes_comes_with_that_advice() -> None:
 def test_the_processor_is_named_with_its_c_library() -> None:
     assert processor()
     assert processor() == processor()
+
+
+def test_a_world_is_part_of_the_identity() -> None:
+    def identity(world: dict[str, object] | None) -> Any:
+        factory = factory_of("reacher", "easy", world=world)
+        environment = factory.make(0)
+        return identity_of(factory, policies.find("zero", environment), environment)
+
+    plain, easy = identity(None), identity({"faults": "easy"})
+    assert plain["world"] is None
+    assert easy["world"] == {"faults": Faults.of("easy").as_json()}
+    assert first_difference(plain, easy) == ("world", None, easy["world"])
+    hard = identity({"faults": "hard"})
+    assert first_difference(easy, hard) == ("world.faults.delay.actions", 3, 9)
+    # Results of earlier versions have no such entry.
+    before = {name: fact for name, fact in plain.items() if name != "world"}
+    assert first_mismatch(plain, before) is None
+    assert first_mismatch(plain, easy) == ("world", None, easy["world"])

@@ -118,8 +118,7 @@ def _collect(
             _check_alone(domain, env)
         where = None if task_set else named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
-        part = shard_named(shard, out)
-        world = world_named(env, faults)
+        part, world = shard_named(shard, out), world_named(env, faults)
     search_working_directory(policy)
     _check_extras(format)
     with (

@@ -101,15 +101,14 @@ def _evaluate(
     names = policy or ["zero"]
     if task_set is not None:
         with misuse_reported():
-            given = (domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
-            _check_fixed(*given, faults)
+            beside = (domain, env, seeds, episodes, time_limit, action_repeat, shard)
+            _check_fixed(*beside, vectorised, faults)
         _evaluate_set(task_set, names, out, threads, workers, ray, any_processor)
         return
     with misuse_reported():
         where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
-        part = shard_named(shard, out)
-        name = _only(names)
+        part, name = shard_named(shard, out), _only(names)
         world = world_named(env, faults)
     search_working_directory(name)
     with (

@@ -220,7 +220,6 @@ def _in_order(episodes: Iterable[Episode]) -> list[Episode]:
 
 def _recipe(identity: Facts, environment: dm_env.Environment, kept: Kept, file_mb: float) -> Recipe:
     """The recipe of the episodes of an identity."""
-    identity = {name: fact for name, fact in identity.items() if name != "world" or fact}
     facts = {**identity, "versions": {**identity["versions"], "pyarrow": PYARROW}}
     return recipe_of(facts, environment, kept, file_mb)
 

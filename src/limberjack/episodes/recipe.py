@@ -32,6 +32,7 @@ from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import first_difference
+from limberjack.worlds import OPTIONS
 
 __all__ = [
     "FIELD",
@@ -258,6 +259,8 @@ def recipe_of(
     Raises:
       ValueError, TypeError: `file_mb` is not a positive number.
     """
+    # Without an entry for the suite's own world, as before there were others.
+    facts = {name: fact for name, fact in facts.items() if name != "world" or fact is not None}
     policy = facts["policy"]
     if policies.is_saved_model(policy):
         prefix, _, path = policy.partition(":")
@@ -439,6 +442,9 @@ def _checked_facts(content: Facts) -> Facts:
     for name, kind in kinds.items():
         if not isinstance(content[name], kind) or isinstance(content[name], bool):
             raise ValueError(f"its {name} is {content[name]!r}")
+    unknown = sorted(content.get("world", {}).keys() - OPTIONS)
+    if unknown:
+        raise ValueError(f"its world has {unknown}; expected some of {', '.join(sorted(OPTIONS))}")
     if not all(isinstance(value, str) for value in content["versions"].values()):
         raise ValueError(f"its versions are {content['versions']!r}")
     limit, timestep = content["time_limit"], content["control_timestep"]

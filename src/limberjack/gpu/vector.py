@@ -453,6 +453,9 @@ def load_vector(
     environment = vectorisable(suite.load(domain, task, of_task, of_environment))
     if not environment.physics.legacy_step:
         raise ValueError("legacy_step is False: use the CPU, limberjack.gym.load_vector")
+    if environment.world is not None:
+        options = " and ".join(environment.world)
+        raise ValueError(f"{options} are not for devices: use the CPU, limberjack.gym.load_vector")
     if starts_per_step is None:
         starts_per_step = usual_starts_per_step(num_envs, environment._step_limit)
     options = Options(

@@ -52,7 +52,7 @@ class PolicyPlans:
 
         Raises:
           TypeError: the policy is neither a function of an observation nor a policy of `find`.
-          ValueError: the environment's observations are pictures.
+          ValueError: the environment's observations are pictures, or its world is not the task's.
         """
         if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "begin_alone")):
             raise TypeError(
@@ -61,6 +61,10 @@ class PolicyPlans:
             )
         if env.pixels is not None:
             raise ValueError("the environment observes pictures, which a plan does not draw")
+        if env.world is not None:
+            raise ValueError(
+                f"the environment has {' and '.join(env.world)}, which a plan does not simulate"
+            )
         self._env, self._policy, self._law = env, policy, law
         self._knots, self._spread = settings.knots, law.noise * law.scale
         self._is_flat = list(env.observation_spec()) == [FLAT_OBSERVATION_KEY]

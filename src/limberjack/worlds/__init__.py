@@ -11,6 +11,8 @@ the identity of results and of the recipes of datasets, and which are accepted a
 
 from collections.abc import Mapping
 
-__all__ = ["World"]
+__all__ = ["OPTIONS", "World"]
+
+OPTIONS = frozenset({"faults"})
 
 World = Mapping[str, object]

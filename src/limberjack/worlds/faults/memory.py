@@ -24,9 +24,9 @@ from collections.abc import Mapping, MutableMapping
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 from dm_env import specs
 
+from limberjack.utils.arrays import Quantity
 from limberjack.worlds.faults import draws
 from limberjack.worlds.faults.settings import Fault, Faults
 
@@ -64,7 +64,7 @@ class FaultMemory:
         self,
         settings: Faults,
         action_spec: object,
-        observation: Mapping[str, Any],  # numbers and arrays
+        observation: Mapping[str, Quantity],
         num_envs: int | None = None,
     ) -> None:
         """Remembers nothing yet.
@@ -146,7 +146,7 @@ class FaultMemory:
 
     # The parts of a step.
 
-    def act(self, given: npt.ArrayLike, rows: np.ndarray | None = None) -> np.ndarray:
+    def act(self, given: object, rows: np.ndarray | None = None) -> np.ndarray:
         """The actions that reach the task; nothing is remembered until `accept`.
 
         Args:
@@ -200,7 +200,7 @@ class FaultMemory:
         self._keep(self._pending, rows)
         self._pending = {}
 
-    def reward(self, given: Any, rows: np.ndarray | None = None) -> Any:  # a number, or an array
+    def reward(self, given: Quantity, rows: np.ndarray | None = None) -> Quantity:
         """The rewards that are received.
 
         Args:
@@ -218,8 +218,8 @@ class FaultMemory:
         return queue[:, 0] if rows is None else np.where(rows, queue[:, 0], flat)
 
     def observe(
-        self, given: Mapping[str, Any], rows: np.ndarray | None = None
-    ) -> MutableMapping[str, Any]:
+        self, given: Mapping[str, Quantity], rows: np.ndarray | None = None
+    ) -> MutableMapping[str, Quantity]:
         """The observation that is received, of the type of the given one.
 
         Args:
@@ -246,7 +246,7 @@ class FaultMemory:
         self._keep(new, rows)
         return self.shown(given)
 
-    def shown(self, like: Mapping[str, Any]) -> MutableMapping[str, Any]:
+    def shown(self, like: Mapping[str, Quantity]) -> MutableMapping[str, Quantity]:
         """The last observation of all rows, of the type of a given one."""
         make: Any = type(like)  # the type of a user's mapping
         shown, count, found = self.values["shown"], len(self.values["key"]), []

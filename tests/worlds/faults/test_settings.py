@@ -1,0 +1,80 @@
+"""Faults as settings: presets, mappings, and what is refused."""
+
+import json
+from typing import Any
+
+import pytest
+
+from limberjack.worlds.faults.settings import PRESETS, Fault, Faults
+
+
+@pytest.mark.parametrize(
+    ("name", "delay", "rewards", "noise", "loss", "repeated", "dummies"),
+    [
+        # As get_combined_challenge of the Real World RL suite has them.
+        ("easy", 3, 10, 0.1, Fault(0.01, 1), 1, 10),
+        ("medium", 6, 20, 0.3, Fault(0.05, 5), 2, 20),
+        ("hard", 9, 40, 1.0, Fault(0.1, 10), 3, 50),
+    ],
+)
+def test_presets_have_the_published_figures(
+    name: str,
+    delay: int,
+    rewards: int,
+    noise: float,
+    loss: Fault,
+    repeated: int,
+    dummies: int,
+) -> None:
+    found = Faults.of(name)
+    assert (found.delay.actions, found.delay.observations) == (delay, delay)
+    assert found.delay.rewards == rewards
+    assert (found.noise.actions, found.noise.observations) == (noise, noise)
+    assert found.dropped.observations == found.stuck.observations == loss
+    assert found.dropped.actions == found.stuck.actions == Fault()
+    assert found.repetition == Fault(1.0, repeated)
+    assert found.dummies == dummies
+    assert found.clear_at_reset
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_settings_are_read_as_they_were_written(name: str) -> None:
+    found = Faults.of({"preset": name, "dropped": {"actions": {"probability": 0.5}}})
+    assert Faults.of(json.loads(json.dumps(found.as_json()))) == found
+    assert Faults.of(found) is found
+
+
+def test_a_mapping_changes_a_preset_and_keeps_the_rest() -> None:
+    found = Faults.of({"preset": "hard", "delay": {"rewards": 0}, "clear_at_reset": False})
+    assert found.delay.rewards == 0
+    assert found.delay.actions == PRESETS["hard"].delay.actions
+    assert found.noise == PRESETS["hard"].noise
+    assert not found.clear_at_reset
+    assert Faults.of({}) == Faults()
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ("eesy", ValueError, "there are no faults 'eesy'.*Did you mean 'easy'"),
+        ({"preset": "eesy"}, ValueError, "Did you mean 'easy'"),
+        ({"preset": 3}, ValueError, "there are no faults 3"),
+        (3, TypeError, "faults is 3; expected one of easy, medium, hard, or a mapping"),
+        ({"dealy": {}}, TypeError, "faults has no 'dealy'. Did you mean 'delay'"),
+        ({"delay": 3}, TypeError, r"faults\['delay'\] is 3; expected a mapping of actions"),
+        ({"delay": {"actoins": 3}}, TypeError, r"faults\['delay'\] has no 'actoins'. Did you"),
+        ({"delay": {"actions": 1.5}}, TypeError, r"\['actions'\] is 1.5; expected a whole number"),
+        ({"delay": {"actions": -1}}, ValueError, "is -1; expected a whole number, 0 or more"),
+        ({"dummies": True}, TypeError, "is True; expected a whole number"),
+        ({"noise": {"actions": float("nan")}}, ValueError, "is nan; expected a number, 0.0 or mo"),
+        ({"noise": {"actions": float("inf")}}, ValueError, "is inf; expected a number"),
+        ({"repetition": {"probability": 1.1}}, ValueError, "is 1.1; expected a number, 0.0 to 1"),
+        ({"repetition": {"steps": 0}}, ValueError, "is 0; expected a whole number, 1 or more"),
+        ({"clear_at_reset": 1}, TypeError, "is 1; expected True or False"),
+    ],
+)
+def test_what_does_not_exist_is_refused_by_name(
+    given: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        Faults.of(given)
