@@ -66,7 +66,7 @@ def recipe_for(where: _Task, kept: Kept, policy: str = "random") -> Recipe:
 def of_64(where: _Task, kept: Kept = Kept()) -> float:  # noqa: B008 (it cannot change)
     """The megabytes that give a file 64 episodes."""
     recipe = recipe_for(where, kept)
-    megabytes = 64.5 * recipe._group_nbytes / 1e6
+    megabytes = 64.5 * recipe._most_each / 1e6
     assert dataclasses.replace(recipe, file_mb=megabytes).block == 64
     return megabytes
 

@@ -11,15 +11,18 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from limberjack.data import Kept, collect, collect_set, load
+from limberjack.episodes.folder import Folder
 from limberjack.episodes.manifest import file_name
+from limberjack.episodes.places import filling
 from limberjack.episodes.player import Player
+from limberjack.episodes.writing import Writing
 from limberjack.mujoco.fingerprint import versions
 from limberjack.policies import PolicyError
 from limberjack.utils import files
@@ -118,7 +121,7 @@ def test_a_file_of_more_episodes_than_are_played_together_has_equal_bytes(
 ) -> None:
     domain, task, seconds = PENDULUM
     recipe = recipe_for(PENDULUM, Kept(), policy)
-    file_mb = (block + 0.5) * recipe._group_nbytes / 1e6
+    file_mb = (block + 0.5) * recipe._most_each / 1e6
     seeds = range(files[0].start, files[-1].stop)
 
     def gather(folder: str, **how: Any) -> None:
@@ -238,6 +241,68 @@ def test_a_planners_episodes_have_equal_bytes_on_two_workers(tmp_path: Path) -> 
         out = tmp_path / name
         collect(domain, task, "planner", range(62, 66), out=out, time_limit=seconds, **how)
     assert whole_hashes(tmp_path / "two") == whole_hashes(tmp_path / "one")
+
+
+@pytest.fixture
+def threads() -> Iterator[concurrent.futures.Executor]:
+    """Workers that are threads, which use what a test has patched."""
+    with concurrent.futures.ThreadPoolExecutor(2) as executor:
+        yield executor
+
+
+def _gather(out: Path, **how: Any) -> dict[str, str]:
+    """The hashes of two files, of 100 and 30 pendulums, each of which is joined from parts."""
+    file_mb = of_64(PENDULUM) * 100 / 64
+    _collect(out, range(130), file_mb=file_mb, **how)
+    assert [*hashes(out)] == [file_name(range(100)), file_name(range(100, 130))]
+    return whole_hashes(out)
+
+
+def test_workers_write_and_join_and_the_process_that_plans_does_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threads: concurrent.futures.Executor
+) -> None:
+    expected, read = _gather(tmp_path / "one"), list[Path]()
+    monkeypatch.setattr(Folder, "add", None)
+    monkeypatch.setattr(Folder, "join", None)
+    monkeypatch.setattr("limberjack.episodes.folder.file_of", read.append)
+    assert _gather(tmp_path / "out", executor=threads) == expected
+    # Another call has workers read the files that no manifest lists, and join what was left.
+    (tmp_path / "out" / "dataset.json").unlink()
+    assert _gather(tmp_path / "out", executor=threads) == expected
+    assert read == []
+
+
+def test_workers_that_do_not_see_the_folder_send_their_bytes_and_one_line_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threads: concurrent.futures.Executor
+) -> None:
+    expected, notes = _gather(tmp_path / "one"), list[str]()
+    monkeypatch.setattr(Writing, "is_seen", lambda writing: writing.probe is None)
+    out = tmp_path / "out"
+    how = {"executor": threads, "on_state": lambda state: notes.append(state.note)}
+    assert _gather(out, **how) == expected
+    node = socket.gethostname()
+    assert [note for note in notes if note] == [
+        f"a worker on node {node} does not see {out}, or may not write to it: this process writes "
+        "its files"
+    ]
+
+
+def test_a_worker_that_fails_to_write_ends_the_call_and_the_next_one_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threads: concurrent.futures.Executor
+) -> None:
+    expected = _gather(tmp_path / "one")
+
+    def full(path: Path, folder: Path) -> Any:
+        if path.name.startswith("seeds-0000000000-0000000100"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        return filling(path, folder)
+
+    monkeypatch.setattr("limberjack.episodes.writing.filling", full)
+    with pytest.raises(WorkError, match=r"No space left .*seeds-0000000000-0000000100.parquet'.*;"):
+        _gather(tmp_path / "out", executor=threads)
+    monkeypatch.undo()
+    assert not list((tmp_path / "out" / "episodes").glob("*100.parquet"))
+    assert _gather(tmp_path / "out", executor=threads) == expected
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.slow)])
@@ -366,7 +431,7 @@ def test_a_driver_whose_unfinished_file_is_removed_by_another_one_says_so(
     finish, ran = files.Partial.finish, []
 
     def late(partial: files.Partial) -> None:
-        if partial.path.suffix == ".part" and not ran:
+        if partial.path.name.startswith(".seeds-") and not ran:
             ran.append(partial)
             assert _collect(tmp_path, range(130)) == whole
         finish(partial)
@@ -390,6 +455,7 @@ def test_a_set_of_tasks_has_the_dataset_of_each(tmp_path: Path) -> None:
     )
     assert [*folders] == [("pendulum", "swingup"), ("point_mass", "easy")]
     for (domain, task), folder in folders.items():
+        assert isinstance(folder, Path)
         assert folder == tmp_path / "set" / f"{domain}-{task}"
         collect(domain, task, "random", range(3), out=tmp_path / task, **how)
         assert hashes(folder) == hashes(tmp_path / task)

@@ -1,19 +1,21 @@
 """The folder of a dataset: what is missing, what is written, and what is refused."""
 
+import contextlib
 import dataclasses
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
 from limberjack.data import load
 from limberjack.episodes.folder import Folder, blocks, check_distinct
-from limberjack.episodes.manifest import Manifest
+from limberjack.episodes.manifest import Manifest, sha256_of
 from limberjack.episodes.parquet import Shard, encode
+from limberjack.episodes.places import filling
 from limberjack.episodes.recipe import Recipe
 from limberjack.utils import files
 
@@ -30,8 +32,18 @@ def _content(first: int, end: int, recipe: Recipe = _RECIPE) -> bytes:
 
 
 def _add(folder: Folder, *seeds: range, recipe: Recipe = _RECIPE) -> None:
+    """Writes units, and joins what can be joined."""
     for some in seeds:
-        folder.add(some, _content(some.start, some.stop, recipe))
+        for file, order in folder.add(some, _content(some.start, some.stop, recipe)):
+            folder.join(file, order)
+
+
+def _plan(folder: Folder, seeds: Sequence[int], own: Sequence[int] | None = None) -> list[int]:
+    """The missing seeds, after what can be joined was joined."""
+    missing = folder.plan(seeds, own)
+    for file, order in folder.ready():
+        folder.join(file, order)
+    return missing
 
 
 def _gather(
@@ -40,7 +52,7 @@ def _gather(
     """Collects episodes into small files, played in some units."""
     own = [seed for unit in units for seed in unit]
     with Folder(out, _SMALL, shard) as folder:
-        assert folder.plan(seeds, own if shard else None) == own
+        assert _plan(folder, seeds, own if shard else None) == own
         _add(folder, *units, recipe=_SMALL)
         folder.finish()
 
@@ -59,21 +71,21 @@ def test_blocks_are_split_at_multiples_of_64_and_at_gaps() -> None:
 
 def test_a_whole_file_is_written_at_once(tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
-        assert folder.plan(range(60, 66)) == list(range(60, 66))
+        assert _plan(folder, range(60, 66)) == list(range(60, 66))
         _add(folder, range(60, 64))
         assert list(hashes(tmp_path)) == ["seeds-0000000060-0000000064.parquet"]
     with Folder(tmp_path, _RECIPE) as folder:
-        assert folder.plan(range(58, 70)) == [58, 59, *range(64, 70)]
+        assert _plan(folder, range(58, 70)) == [58, 59, *range(64, 70)]
 
 
 def test_parts_are_kept_until_their_file_is_complete(tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
-        folder.plan(range(60, 63))
+        _plan(folder, range(60, 63))
         _add(folder, range(61, 62), range(60, 61))
     assert hashes(tmp_path) == {}
     assert sorted(path.suffix for path in (tmp_path / "parts").iterdir()) == [".part"] * 2
     with Folder(tmp_path, _RECIPE) as folder:
-        assert folder.plan(range(60, 63)) == [62]
+        assert _plan(folder, range(60, 63)) == [62]
         _add(folder, range(62, 63))
         folder.finish()
     (path,) = (tmp_path / "episodes").iterdir()
@@ -93,12 +105,12 @@ def test_a_file_is_joined_from_parts_that_are_cut_anywhere(tmp_path: Path) -> No
     # Parts of calls with fewer seeds, of which one has seeds of two files.
     out = tmp_path / "other"
     with Folder(out, _RECIPE) as folder:
-        folder.plan(range(64, 70))
+        _plan(folder, range(64, 70))
         _add(folder, range(64, 69))
     with Folder(out, _RECIPE) as folder:
-        assert folder.plan(range(64, 66)) == []
+        assert _plan(folder, range(64, 66)) == []
         assert list(hashes(out)) == ["seeds-0000000064-0000000066.parquet"]
-        assert folder.plan(range(64, 70)) == [69]
+        assert _plan(folder, range(64, 70)) == [69]
         _add(folder, range(69, 70))
         folder.finish()
     assert (out / "episodes/seeds-0000000066-0000000070.parquet").read_bytes() == _content(66, 70)
@@ -118,7 +130,7 @@ def test_seeds_that_are_added_to_a_block_have_a_file_of_their_own(tmp_path: Path
     ]
     assert load(tmp_path).seeds == list(range(60, 66))
     with Folder(tmp_path, _SMALL) as folder:
-        assert folder.plan(range(58, 70)) == [58, 59, 66, 67, 68, 69]
+        assert _plan(folder, range(58, 70)) == [58, 59, 66, 67, 68, 69]
 
 
 def test_the_manifest_is_written_if_something_has_changed(tmp_path: Path) -> None:
@@ -163,15 +175,15 @@ def test_shards_in_any_order_leave_the_rest_to_the_process_without_a_shard(
         "seeds-0000000066-0000000068.part",
     ]
     assert not (out / "dataset.json").exists()
-    hashed: list[Path] = []
-    monkeypatch.setattr(
-        "limberjack.episodes.folder.sha256_of", lambda path: hashed.append(path) or "0"
-    )
-    with Folder(out, _SMALL) as folder:
-        assert folder.plan(seeds) == []
-    assert [path.name for path in hashed] == ["seeds-0000000064-0000000068.parquet"]
-    monkeypatch.undo()
+    hashed: list[int] = []
+
+    def hashing(path: Path) -> str:
+        hashed.append(Shard(path).seeds.start)
+        return sha256_of(path)
+
+    monkeypatch.setattr("limberjack.episodes.writing.sha256_of", hashing)
     _gather(out, seeds, [])
+    assert hashed == [64]  # of the file that was joined: shards have listed the others
     assert whole_hashes(out) == whole_hashes(tmp_path / "one")
 
 
@@ -186,17 +198,14 @@ def test_a_shard_opens_one_file_of_others(tmp_path: Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr("limberjack.episodes.folder.Shard", opening)
     _gather(tmp_path, range(60, 70), [range(68, 70)], (3, 3))
-    assert opened == [
-        "seeds-0000000060-0000000064.parquet",
-        "seeds-0000000068-0000000070.parquet",
-    ]
+    assert opened == ["seeds-0000000060-0000000064.parquet"]
 
 
 def test_a_shard_that_was_killed_before_its_end_is_made_up_for(tmp_path: Path) -> None:
     seeds, units = range(60, 70), [range(60, 64), range(64, 68), range(68, 70)]
     _gather(tmp_path / "one", seeds, units)
     with Folder(tmp_path / "shards", _SMALL, (1, 2)) as folder:
-        folder.plan(seeds, range(60, 68))
+        _plan(folder, seeds, range(60, 68))
         _add(folder, units[0], recipe=_SMALL)
     _gather(tmp_path / "shards", seeds, units[2:], (2, 2))
     _gather(tmp_path / "shards", seeds, units[1:2])
@@ -220,17 +229,17 @@ def test_a_file_with_another_name_than_its_seeds_is_refused(tmp_path: Path) -> N
 
 def test_a_process_that_died_between_parts_and_file_is_made_up_for(tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
-        folder.plan(range(60, 63))
+        _plan(folder, range(60, 63))
         _add(folder, range(60, 61), range(61, 62))
     parts = {path: path.read_bytes() for path in (tmp_path / "parts").iterdir()}
     with Folder(tmp_path, _RECIPE) as folder:
-        assert folder.plan(range(60, 62)) == []
+        assert _plan(folder, range(60, 62)) == []
     (path,) = (tmp_path / "episodes").iterdir()
     assert path.read_bytes() == _content(60, 62)
     for part, content in parts.items():  # as if it had died before it removed them
         part.write_bytes(content)
     with Folder(tmp_path, _RECIPE) as folder:
-        assert folder.plan(range(60, 62)) == []
+        assert _plan(folder, range(60, 62)) == []
         folder.finish()
     assert not (tmp_path / "parts").exists()
 
@@ -245,7 +254,7 @@ def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path)
     for path in (*left, other):
         path.write_bytes(b"PAR1")
     with Folder(tmp_path, _RECIPE) as folder:
-        folder.plan(range(60, 64))
+        _plan(folder, range(60, 64))
         folder.log({"began": "now"})
     assert list((tmp_path / "parts").iterdir()) == [other]
 
@@ -260,23 +269,23 @@ def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
     with Folder(tmp_path, _RECIPE) as folder:
         monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(needed - 1))
         with pytest.raises(ValueError, match=r"3 episodes may take .* MB, and .* has .* MB left: "):
-            folder.plan(range(3))
+            _plan(folder, range(3))
         monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(needed))
-        assert folder.plan(range(3)) == [0, 1, 2]
+        assert _plan(folder, range(3)) == [0, 1, 2]
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("parts", [False, True])
 def test_a_folder_with_another_dataset_is_refused_by_name(parts: bool, tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
-        folder.plan(range(60, 62))
+        _plan(folder, range(60, 62))
         _add(folder, range(60, 61 if parts else 62))
     for _ in range(2):  # the lock is released
         with (
             pytest.raises(ValueError, match=r"seeds-.*policy is 'random' and 'zero': choose"),
             Folder(tmp_path, _OTHER) as folder,
         ):
-            folder.plan(range(60, 62))
+            _plan(folder, range(60, 62))
     assert hashes(tmp_path).keys() == set() if parts else {"seeds-0000000060-0000000062.parquet"}
 
 
@@ -330,38 +339,68 @@ def test_a_damaged_log_is_refused(text: str, tmp_path: Path) -> None:
 def test_a_part_is_written_though_another_shard_removes_their_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, removed = Folder._replace_once, 0
+    removed: list[Path] = []
 
-    def later(folder: Folder, path: Path, fill: Any) -> None:
-        nonlocal removed
-        if not removed:
-            removed += 1
-            path.parent.rmdir()  # as the process without a shard does in the end
-        write(folder, path, fill)
+    @contextlib.contextmanager
+    def later(path: Path, beside: Path) -> Iterator[Path]:
+        if len(removed) < 9:
+            beside.rmdir()  # as the process without a shard does in the end
+            removed.append(beside)
+        with filling(path, beside) as partial:
+            yield partial
 
-    monkeypatch.setattr(Folder, "_replace_once", later)
+    monkeypatch.setattr("limberjack.episodes.writing.filling", later)
     with Folder(tmp_path, _RECIPE, (1, 2)) as folder:
-        folder.plan(range(60, 62))
+        _plan(folder, range(60, 62))
         _add(folder, range(60, 61), range(61, 62))
-    assert removed == 1
+    assert len(removed) == 9
     assert list(hashes(tmp_path)) == ["seeds-0000000060-0000000062.parquet"]
 
 
-def test_parts_of_another_shard_may_disappear_while_a_folder_is_opened(
+def test_the_first_part_may_disappear_while_a_folder_is_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with Folder(tmp_path, _RECIPE, (1, 2)) as folder:
-        folder.plan(range(60, 63))
+        _plan(folder, range(60, 63))
         _add(folder, range(60, 61), range(61, 62))
 
     def vanishing(path: Path) -> Shard:
-        if path.name.startswith("seeds-0000000060"):
-            path.unlink()
+        path.unlink()  # as a process does that joins it
         return Shard(path)
 
     monkeypatch.setattr("limberjack.episodes.folder.Shard", vanishing)
     with Folder(tmp_path, _RECIPE, (2, 2)) as folder:
-        assert folder.plan(range(60, 63)) == [60, 62]
+        assert _plan(folder, range(60, 63)) == [60, 62]
+
+
+def test_a_file_that_a_lost_worker_has_joined_is_not_joined_again(tmp_path: Path) -> None:
+    with Folder(tmp_path, _RECIPE) as folder:
+        _plan(folder, range(60, 63))
+        _add(folder, range(60, 61), range(61, 62))
+        ((file, order),) = folder.add(range(62, 63), _content(62, 63))
+        joined = folder.writing.join(file, [*order.named()])
+        assert not any((tmp_path / "parts").iterdir())
+        assert folder.writing.join(file, [*order.named()]) == joined
+        folder.took(file, joined)
+        folder.finish()
+    assert load(tmp_path).seeds == [60, 61, 62]
+
+
+def test_nothing_is_done_twice_for_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No part is opened but one, until a file is joined: 10,000 parts must cost no minutes."""
+    opened: list[str] = []
+
+    def opening(path: Path) -> Shard:
+        opened.append(path.name)
+        return Shard(path)
+
+    monkeypatch.setattr("limberjack.episodes.folder.Shard", opening)
+    monkeypatch.setattr("limberjack.episodes.writing.Shard", opening)
+    for _ in range(2):
+        with Folder(tmp_path, _RECIPE) as folder:
+            missing = _plan(folder, range(64, 70))
+            _add(folder, *(range(seed, seed + 1) for seed in missing[:2]))
+    assert opened == ["seeds-0000000064-0000000065.part"]
 
 
 def test_without_locks_a_second_writer_is_noticed_as_it_logs_its_call(
@@ -370,7 +409,7 @@ def test_without_locks_a_second_writer_is_noticed_as_it_logs_its_call(
     monkeypatch.setattr(files, "fcntl", None)
     first, second = Folder(tmp_path, _RECIPE), Folder(tmp_path, _RECIPE)
     for number, folder in enumerate((first, second)):
-        folder.plan(range(60, 70))
+        _plan(folder, range(60, 70))
         folder.log({"began": number})
     with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of"):
         _add(first, range(60, 64))
@@ -406,7 +445,7 @@ def test_hidden_files_of_others_are_not_removed(tmp_path: Path) -> None:
     for name in names:
         (tmp_path / "parts" / name).write_text("mine")
     with Folder(tmp_path, _RECIPE) as folder:
-        folder.plan(range(60, 64))
+        _plan(folder, range(60, 64))
         folder.log({"began": "now"})
         _add(folder, range(60, 64))
         folder.finish()

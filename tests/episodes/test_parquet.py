@@ -1,6 +1,7 @@
 """Files of episodes: their bytes, and what is refused of those that anyone may have changed."""
 
 import dataclasses
+import itertools
 import json
 import random
 import shutil
@@ -12,6 +13,7 @@ import pytest
 
 from limberjack.episodes.episode import Kept
 from limberjack.episodes.parquet import Shard, columns_of, encode, episode_of, join
+from limberjack.episodes.recipe import GROUP_NBYTES
 from tests.programs import run
 
 from .collected import ARM, EVERYTHING, PENDULUM, assert_equal, made
@@ -67,20 +69,65 @@ def test_writing_and_reading_import_no_pandas(tmp_path: Path) -> None:
     )
 
 
-def test_equal_episodes_give_equal_bytes_also_in_parts(tmp_path: Path) -> None:
-    recipe, episodes = made(ARM, range(4))
-    whole = encode(recipe, episodes)
-    assert encode(*made(ARM, range(4))) == whole
-    first = Shard(_written(tmp_path / "first", encode(recipe, episodes[:1])))
-    rest = Shard(_written(tmp_path / "rest", encode(recipe, episodes[1:])))
-
-    def part_of(seed: int) -> Shard:
-        return rest if seed else first
-
-    join(recipe, range(4), part_of, tmp_path / "joined")
+def test_equal_episodes_give_equal_bytes_also_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for nbytes in (1, 20_000, 2**18):  # an episode takes 8,000 bytes before compression
+        monkeypatch.setattr("limberjack.episodes.parquet.GROUP_NBYTES", nbytes)
+        recipe, episodes = made(ARM, range(8))
+        whole = encode(recipe, episodes)
+        assert encode(*made(ARM, range(8))) == whole
+        for cuts in ([1, 8], [2, 3, 8], [5, 8]):
+            parts = [
+                Shard(_written(tmp_path / f"{first}-{end}", encode(recipe, episodes[first:end])))
+                for first, end in itertools.pairwise([0, *cuts])
+            ]
+            join(recipe, range(8), parts, tmp_path / "joined")
+            assert (tmp_path / "joined").read_bytes() == whole
+            join(recipe, range(7), parts, tmp_path / "less")
+            assert (tmp_path / "less").read_bytes() == encode(recipe, episodes[:7])
+    overlapping = [parts[0], Shard(_written(tmp_path / "more", encode(recipe, episodes[3:])))]
+    join(recipe, range(8), overlapping, tmp_path / "joined")
     assert (tmp_path / "joined").read_bytes() == whole
-    join(recipe, range(3), part_of, tmp_path / "less")
-    assert (tmp_path / "less").read_bytes() == encode(recipe, episodes[:3])
+
+
+def test_parts_that_lack_an_episode_or_are_of_another_dataset_are_not_joined(
+    tmp_path: Path,
+) -> None:
+    recipe, episodes = made(PENDULUM, range(4))
+    parts = [Shard(_written(tmp_path / f"{k}", encode(recipe, [episodes[k]]))) for k in (0, 1, 3)]
+    for some in (parts, parts[:2], [*parts[:2], parts[1], parts[2]]):
+        with pytest.raises(ValueError, match="no part has the episode of seed 2: collect it"):
+            join(recipe, range(4), some, tmp_path / "joined")
+    other = dataclasses.replace(recipe, facts={**recipe.facts, "policy": "zero"})
+    with pytest.raises(ValueError, match=r"0 is of another dataset, whose policy is 'zero' and"):
+        join(other, range(2), parts, tmp_path / "joined")
+
+
+def test_short_episodes_share_row_groups_so_that_a_footer_stays_small(tmp_path: Path) -> None:
+    recipe, episodes = made(PENDULUM, range(700))
+    path = _written(tmp_path / "file.parquet", encode(recipe, episodes))
+    metadata = pq.read_metadata(path)
+    row = sum(column.nbytes for column in recipe.columns)
+    whole = -(-GROUP_NBYTES // (11 * row))  # episodes of a complete row group
+    assert [metadata.row_group(k).num_rows for k in range(metadata.num_row_groups)] == [
+        11 * whole, 11 * whole, 11 * (700 - 2 * whole),
+    ]  # fmt: skip
+    assert metadata.serialized_size < 0.05 * path.stat().st_size
+    shard = Shard(path)
+    assert shard.lengths == [10] * 700
+    with shard.opened() as read:
+        for seed in (699, 0, whole - 1, whole):
+            assert_equal(read(seed), episodes[seed])
+
+
+def test_a_file_without_lengths_has_an_episode_in_each_row_group(
+    pendulum: Path, tmp_path: Path
+) -> None:
+    copy = _rewritten(pendulum, tmp_path / "copy.parquet", lengths=None, groups=[11, 11, 11])
+    assert Shard(copy).lengths == [10, 10, 10]
+    for one, other in zip(Shard(pendulum).episodes(), Shard(copy).episodes(), strict=True):
+        assert_equal(one, other)
 
 
 @pytest.mark.parametrize("where", [PENDULUM, ARM])
@@ -196,7 +243,10 @@ def _rewritten(source: Path, path: Path, **changes: Any) -> Path:
     """A file with other columns, or another recipe, that is a valid Parquet file."""
     table = pq.read_table(source)
     metadata = {b"limberjack": changes.pop("recipe", table.schema.metadata[b"limberjack"])}
-    groups = changes.pop("groups", [11, 11, 11])
+    lengths = changes.pop("lengths", b"[[10,3]]")
+    if lengths is not None:
+        metadata[b"limberjack_lengths"] = lengths
+    groups = changes.pop("groups", [33])
     for name, values in changes.items():
         field = table.schema.field(name)
         values = values.cast(field.type)
@@ -221,9 +271,21 @@ def test_a_rewritten_file_is_read_if_nothing_is_forged(pendulum: Path, tmp_path:
     [
         ({"recipe": b"{}"}, "not of format 2 or 1"),
         ({"recipe": b"\x80\x04."}, "damaged or no file"),
-        ({"groups": [22, 11]}, "it has 2 episodes"),
-        ({"groups": [11, 21, 1]}, "steps"),
-        ({"groups": [10, 12, 11]}, "'action' is null elsewhere than in the last row"),
+        ({"groups": [22, 11], "lengths": None}, "it has 2 episodes"),
+        ({"groups": [11, 21, 1], "lengths": None}, "steps"),
+        (
+            {"groups": [10, 12, 11], "lengths": None},
+            "'action' is null elsewhere than in the last row",
+        ),
+        ({"groups": [10, 12, 11]}, "its row groups are not of whole episodes"),
+        ({"lengths": b"[[10,2]]"}, "its lengths are not those of 3 episodes"),
+        ({"lengths": b"[[11,3]]"}, "its row groups are not of whole episodes"),
+        ({"lengths": b"[[-10,3]]"}, "its lengths are no positive numbers"),
+        ({"lengths": b"[[10,1],[12,1],[8,1]]"}, "'action' is null elsewhere than in the last row"),
+        *(
+            ({"lengths": text}, "its lengths are damaged")
+            for text in (b"", b"{}x", b"3", b"[[10]]", b"[" * 100_000)
+        ),
         ({"action": pa.array([[0.0]] * 33)}, "'action' is null elsewhere"),
         ({"action": pa.array([*[[0.0]] * 9, [], None] * 3)}, "'action' has no 1 numbers in a row"),
         ({"reward": pa.array([*[0.0] * 8, None, 0.0, None] * 3)}, "'reward' is null elsewhere"),
@@ -254,7 +316,11 @@ def test_a_model_field_of_another_size_is_refused(tmp_path: Path) -> None:
     rows = [[0.0] * 36, [], [0.0], [], [], []]
     kind = pq.read_schema(source).field("field/body_pos").type
     forged = _rewritten(
-        source, tmp_path / "forged.parquet", groups=[6], **{"field/body_pos": pa.array(rows, kind)}
+        source,
+        tmp_path / "forged.parquet",
+        groups=[6],
+        lengths=b"[[5,1]]",
+        **{"field/body_pos": pa.array(rows, kind)},
     )
     with pytest.raises(ValueError, match=r"'field/body_pos' has no 36 numbers in a row"):
         list(Shard(forged).episodes())

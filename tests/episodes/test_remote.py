@@ -3,15 +3,19 @@
 import json
 import pickle
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from limberjack.data import Dataset, inform, load, replay
+from limberjack.data import Dataset, Kept, collect, inform, load, replay
 from limberjack.episodes.remote import Remote
+from limberjack.workers import State
 
-from .collected import assert_equal, copy, folder_of
+from .collected import PENDULUM, assert_equal, copy, folder_of, of_64, whole_hashes
 from .collected import damaged as damaged_content
+from .ftp import ftp_serving
 from .serving import Files, Unlisted, Whole, serving
 
 fsspec = pytest.importorskip("fsspec", reason="needs the extra 'data'")
@@ -155,3 +159,121 @@ def test_places_are_equal_if_their_urls_are() -> None:
     assert hash(place) == hash(Remote("memory://a/b.txt"))
     assert place != Remote("memory://a")
     assert repr(place) == "Remote('memory://a/b.txt')"
+
+
+@pytest.fixture
+def out() -> Iterator[str]:
+    """A URL in memory to write to."""
+    yield "memory://written"
+    files = fsspec.filesystem("memory")
+    if files.exists("/written"):
+        files.rm("/written", recursive=True)
+
+
+def _collect(out: "str | Path", **how: Any) -> None:
+    """Collects 130 episodes in two files, each of which is joined from parts."""
+    domain, task, seconds = PENDULUM
+    how = {"num_threads": 1, "file_mb": of_64(PENDULUM) * 100 / 64, **how}
+    collect(domain, task, "random", range(130), out=out, time_limit=seconds, **how)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The hashes of that dataset in a folder."""
+    folder = tmp_path_factory.mktemp("whole")
+    _collect(folder)
+    return whole_hashes(folder)
+
+
+def _downloaded(out: str, folder: Path) -> dict[str, str]:
+    """The hashes of a dataset in memory, after it was copied into a folder."""
+    files = fsspec.filesystem("memory")
+    files.get(out.removeprefix("memory:/"), str(folder), recursive=True)
+    return whole_hashes(folder)
+
+
+def test_a_dataset_is_collected_to_a_url_and_continued_there(
+    out: str, whole: dict[str, str], tmp_path: Path
+) -> None:
+    for number in (2, 1):
+        _collect(out, shard=(number, 2))
+    with pytest.raises(ValueError, match=f"{out} has no dataset.json yet"):
+        load(out)
+    _collect(out)
+    assert _downloaded(out, tmp_path / "first") == whole
+    fsspec.filesystem("memory").rm("/written/episodes/seeds-0000000000-0000000100.parquet")
+    _collect(out)
+    assert _downloaded(out, tmp_path / "second") == whole
+    with pytest.raises(ValueError, match=f"{out}/dataset.json belongs to another dataset"):
+        _collect(out, kept=Kept(flat=True))
+
+
+def test_another_process_does_not_see_this_memory_and_sends_its_bytes(
+    out: str, whole: dict[str, str], tmp_path: Path
+) -> None:
+    notes: set[str] = set()
+    _collect(out, workers=1, on_state=lambda state: notes.add(state.note))
+    assert _downloaded(out, tmp_path / "folder") == whole
+    (note,) = notes - {""}
+    assert f"does not see {out}, or may not write to it: this process writes its files" in note
+
+
+def test_workers_write_to_a_server_under_another_name_until_a_file_is_whole(
+    whole: dict[str, str], tmp_path: Path
+) -> None:
+    (tmp_path / "root").mkdir()
+    with ftp_serving(tmp_path / "root") as url, ThreadPoolExecutor(2) as executor:
+        _collect(f"{url}/deep/walk", executor=executor, on_state=_fail_on_note)
+        _assert_read(f"{url}/deep/walk", load(tmp_path / "root" / "deep" / "walk"))
+    assert whole_hashes(tmp_path / "root" / "deep" / "walk") == whole
+
+
+def _fail_on_note(state: State) -> None:
+    assert not state.note
+
+
+def test_a_write_that_ends_early_leaves_no_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "root").mkdir()
+    (tmp_path / "content").write_bytes(bytes(10**6))
+    with ftp_serving(tmp_path / "root") as url:
+        folder = Remote(url)
+        (folder / "file").put(tmp_path / "content", folder)
+        monkeypatch.setattr(type(folder._found()[0]), "mv", _broken)
+        with pytest.raises(OSError, match=r"cannot be written \(ConnectionError: .*/other"):
+            (folder / "other").put(tmp_path / "content", folder)
+        monkeypatch.undo()
+        (tmp_path / "content").write_bytes(b"more")
+        (folder / "file").put(tmp_path / "content", folder)
+    assert [path.name for path in (tmp_path / "root").iterdir()] == ["file"]
+    assert (tmp_path / "root" / "file").read_bytes() == b"more"
+
+
+def _broken(*arguments: object) -> None:
+    raise ConnectionError("the server has gone")
+
+
+def test_a_server_that_takes_no_files_is_named(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp", reason="needs aiohttp")
+    with serving(tmp_path) as url, pytest.raises(OSError, match="it cannot be written") as caught:
+        _collect(f"{url}/walk")
+    assert f"{url}/walk/run.json" in str(caught.value)
+
+
+def test_a_place_is_made_moved_and_removed_as_a_path_is(tmp_path: Path) -> None:
+    (tmp_path / "root").mkdir()
+    (tmp_path / "content").write_bytes(b"content")
+    with ftp_serving(tmp_path / "root") as url:
+        folder = Remote(url) / "a"
+        for _ in range(2):
+            (folder / "b").make_folder()
+        (folder / "file").put(tmp_path / "content", folder)
+        (folder / "file").move(folder / "b" / "file")
+        with pytest.raises(OSError, match="cannot be removed"):
+            (folder / "b").remove_folder()
+        assert (tmp_path / "root" / "a" / "b" / "file").read_bytes() == b"content"
+        for _ in range(2):
+            (folder / "b" / "file").remove()
+        (folder / "b").remove_folder()
+    assert list((tmp_path / "root" / "a").iterdir()) == []

@@ -6,7 +6,7 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import IO
 
 import pytest
@@ -15,6 +15,7 @@ from limberjack.workers import prepare
 from limberjack.workers.attempt import Answer
 from limberjack.workers.pool import _PROGRAM
 from limberjack.workers.process import LENGTH, read_message, write_message
+from limberjack.workers.setup import Setup
 
 from .playing import TASK, print_and_seeds, scores_slowly
 
@@ -52,19 +53,28 @@ def test_the_end_of_a_stream_is_an_error_also_within_a_message(content: bytes) -
         read_message(io.BytesIO(content))
 
 
+def _message(
+    function: Callable[..., object],
+    setup: Setup,
+    seeds: tuple[int, ...],
+    new: dict[str, Setup] = {},  # noqa: B006 (it is not changed)
+) -> bytes:
+    return pickle.dumps(({"function": function, **new}, "function", setup.key, seeds, ()))
+
+
 def test_a_worker_answers_prints_to_standard_error_and_ends_with_its_input(
     worker: "subprocess.Popen[bytes]",
 ) -> None:
     units, answers = _streams(worker)
     setup = prepare(*TASK, "random")
     worker.send_signal(0)
-    write_message(units, [pickle.dumps((print_and_seeds, setup.key, setup, (3, 4)))])  # pyright: ignore[reportArgumentType]
+    write_message(units, [_message(print_and_seeds, setup, (3, 4), {setup.key: setup})])  # pyright: ignore[reportArgumentType]
     assert pickle.loads(read_message(answers)) == Answer((3, 4))  # pyright: ignore[reportArgumentType]
     worker.send_signal(signal.SIGINT)  # the driver's business
-    write_message(units, [pickle.dumps((print_and_seeds, setup.key, None, (5,)))])  # pyright: ignore[reportArgumentType]
+    write_message(units, [_message(print_and_seeds, setup, (5,))])  # pyright: ignore[reportArgumentType]
     assert pickle.loads(read_message(answers)) == Answer((5,))  # pyright: ignore[reportArgumentType]
     # In the middle of a unit, and without a word.
-    write_message(units, [pickle.dumps((scores_slowly, setup.key, None, (6,)))])  # pyright: ignore[reportArgumentType]
+    write_message(units, [_message(scores_slowly, setup, (6,))])  # pyright: ignore[reportArgumentType]
     _, printed = worker.communicate(timeout=20)
     assert worker.returncode == 0
     assert b"printed by a policy" in printed

@@ -19,7 +19,6 @@ from limberjack.cli.options import (
     OptionalDomain,
     PolicyName,
     Ray,
-    RequiredOut,
     Seeds,
     Shard,
     TaskName,
@@ -55,6 +54,13 @@ class _Format(enum.StrEnum):
     MINARI = "minari"
 
 
+_DatasetOut = Annotated[
+    str,  # a Path would take a slash from a URL
+    typer.Option(
+        metavar="DIR",
+        help="Write the dataset into this folder, or to a URL such as s3://bucket/walk.",
+    ),
+]
 _States = Annotated[
     bool, typer.Option("--states", help="Keep MuJoCo's full state of each step, too.")
 ]
@@ -86,7 +92,7 @@ def _collect(
     domain: OptionalDomain = None,
     task: TaskName = None,
     *,
-    out: RequiredOut,
+    out: _DatasetOut,
     env: EnvironmentName = None,
     task_set: TaskSet = None,
     policy: PolicyName = "zero",
@@ -120,7 +126,7 @@ def _collect(
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, world = shard_named(shard, out), world_named(env, faults)
     search_working_directory(policy)
-    _check_extras(format)
+    _check_extras(format, out)
     with (
         remarks_reported(),
         show_units() as progress,
@@ -155,10 +161,14 @@ def _collect(
         _finish(folder, format)
 
 
-def _check_extras(format: _Format) -> None:
-    """Reports a missing extra before anything is played."""
+def _check_extras(format: _Format, out: str) -> None:
+    """Reports a missing extra, or a URL that cannot be written to, before anything is played."""
     with reading_reported("collect"):
+        from limberjack.episodes.places import place_of
+
         importlib.import_module("limberjack.data")
+        if not isinstance(place_of(out), Path) and format is _Format.MINARI:
+            raise ValueError(f"--out is the URL {out}, and --format minari needs a folder")
         if format is _Format.MINARI:
             importlib.import_module("limberjack.episodes.to_minari")
 
@@ -179,13 +189,13 @@ def _play(
     seeds: Sequence[int],
     keep: tuple[bool, bool, bool],
     **kwargs: Any,  # of `collect`
-) -> list[Path]:
+) -> list[str]:
     """Collects the dataset of a task, or of each task of a set; returns their folders."""
     from limberjack import data
 
     kwargs["kept"] = data.Kept(*keep)
     if task_set is not None:
-        return [*data.collect_set(task_set, policy, seeds, **kwargs).values()]
+        return [*map(str, data.collect_set(task_set, policy, seeds, **kwargs).values())]
     assert where is not None
     data.collect(*where, policy, seeds, **kwargs)
     return [kwargs["out"]]
@@ -198,7 +208,7 @@ def _check_alone(domain: str | None, env: str | None) -> None:
         raise ValueError(f"got {given[0]} beside --set, which names the tasks: leave it out")
 
 
-def _finish(out: Path, format: _Format) -> None:
+def _finish(out: str, format: _Format) -> None:
     """Converts the dataset if that is wanted, and prints its figures."""
     with reading_reported("collect"):
         from limberjack import data
@@ -208,11 +218,11 @@ def _finish(out: Path, format: _Format) -> None:
         if format is _Format.MINARI:
             from limberjack.episodes.to_minari import to_minari
 
-            to_minari(dataset, out / _MINARI)
+            to_minari(dataset, Path(out) / _MINARI)
     print_information(information)
 
 
-def _done(progress: Units, out: Path) -> str:
+def _done(progress: Units, out: str) -> str:
     """The number of episodes that are complete, and how to continue."""
     done = f"{progress.finished or 0} of {progress.episodes} episodes are in {out}"
     return f"{done}: the same command continues from there"

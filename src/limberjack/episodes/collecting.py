@@ -16,6 +16,7 @@ import contextlib
 import datetime
 import functools
 import platform
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -27,14 +28,16 @@ from limberjack import policies, suite
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.folder import Folder, blocks, discard_other
 from limberjack.episodes.parquet import PYARROW, encode
+from limberjack.episodes.places import Place, place_of
 from limberjack.episodes.player import OnEnded, Player
 from limberjack.episodes.playing import OnStep, Step
 from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
+from limberjack.episodes.writing import FILE, LIST, PART, Order, Unseen, work
 from limberjack.policies import PolicyError
 from limberjack.registry.sets import Tasks, tasks_of
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
-from limberjack.workers import OnProgress, OnState, Scale
+from limberjack.workers import OnProgress, OnState, Scale, State, Unit
 from limberjack.workers.factories import Make
 from limberjack.workers.identity import advice_on, processor
 from limberjack.worlds import World
@@ -72,7 +75,8 @@ def collect(
         function that makes environments, a dataset has the name and the hash, for comparison only.
       policy: its name, or the function, object or class itself; see `limberjack.policies`.
       seeds: increasing, from 0 to 2**32 - 1.
-      out: the folder, which is created if needed; episodes that it has are not played again.
+      out: the folder, which is created if needed, or a URL of fsspec, such as s3://bucket/walk;
+        episodes that it has are not played again.
       kept: what is kept of each step; by default observations as they are, and no states.
       file_mb: megabytes of a file before compression, by which its number of seeds is chosen: as
         many as have room if all episodes have full length, and at least one.
@@ -106,7 +110,9 @@ def collect(
         is_kept=True,
         world=world,
     )
-    directory = Path(out).absolute()  # a policy may change folders
+    directory = place_of(str(out))
+    if isinstance(directory, Path):
+        directory = directory.absolute()  # a policy may change folders
     with contextlib.closing(player):
         collect_with(
             player, directory, kept, file_mb, shard=shard, on_progress=on_progress, command=command
@@ -121,7 +127,7 @@ def collect_set(
     out: Path | str,
     on_progress: OnProgress | None = None,
     **kwargs: Any,  # of `collect`, which checks them
-) -> dict[tuple[str, str], Path]:
+) -> dict[tuple[str, str], Place]:
     """Collects a dataset of each of several tasks; returns their folders, DIR/DOMAIN-TASK.
 
     Args:
@@ -153,15 +159,15 @@ def collect_set(
             if on_progress is not None:
                 on_progress(what, before + finished, part)
 
-        folder = Path(out) / f"{domain}-{task}"
-        collect(domain, task, of_task, wanted, out=folder, on_progress=show, **kwargs)
+        folder = place_of(str(out)) / f"{domain}-{task}"
+        collect(domain, task, of_task, wanted, out=str(folder), on_progress=show, **kwargs)
         folders[domain, task] = folder
     return folders
 
 
 def collect_with(
     player: Player,
-    directory: Path,
+    directory: Place,
     kept: Kept | None = None,
     file_mb: float = FILE_MB,
     *,
@@ -176,7 +182,7 @@ def collect_with(
 
     Args:
       player: its results are kept.
-      directory: an absolute path.
+      directory: an absolute path, or the place of a URL.
       kept, file_mb, shard, on_progress, command: as for `collect`.
       replaces: discard a dataset of another recipe that is here; by default it is an error.
       on_step: called as episodes begin in this process, and after each step.
@@ -189,29 +195,81 @@ def collect_with(
         )
     recipe = _recipe(player.identity, player.environment, kept or Kept(), file_mb)
     if replaces:
+        assert isinstance(directory, Path)  # of `run` and `solve`, which also write films there
         discard_other(directory, recipe)
     canary = player.canary
     with Folder(directory, recipe, shard) as folder:
         missing = folder.plan(player.wanted, player.seeds)
-        if not missing:
-            folder.finish()
-            return
-        _check_canary(folder, canary, player.scale.any_processor)
-        call = _call(missing, command, canary, player.scale)
-        folder.log(call)
+        call = None
+        if missing:
+            _check_canary(folder, canary, player.scale.any_processor)
+            call = _call(missing, command, canary, player.scale)
+            folder.log(call)
         units = [*_units(missing, 1 if player.actor.plays_alone else UNIT, recipe)]
         with _Saving(folder, recipe, len(player.seeds), missing, on_progress) as saving:
+            if player.setup is not None:
+                _play_with_workers(player, folder, units, saving)
+            else:
 
-            def watch(step: Step) -> None:
-                saving.on_step(step)
-                if on_step is not None:
-                    on_step(step)
+                def watch(step: Step) -> None:
+                    saving.on_step(step)
+                    if on_step is not None:
+                        on_step(step)
 
-            made = _in_order if player.setup is None else functools.partial(_content, recipe)
-            for unit, content in player.results(units, made, recipe.kept, watch, on_ended):
-                saving.save(unit, content)
+                saving.join(folder.ready())
+                for unit, made in player.results(units, _in_order, recipe.kept, watch, on_ended):
+                    saving.save(unit, made)
         folder.finish()
-        folder.log({**call, "ended": _now()})
+        if call is not None:
+            folder.log({**call, "ended": _now()})
+
+
+def _play_with_workers(
+    player: Player, folder: Folder, units: Sequence[range], saving: "_Saving"
+) -> None:
+    """Has workers play, write and join; the bytes of one that does not see the folder come here."""
+    assert player.setup is not None
+    setup, scale = player.setup, player.scale
+    orders = [*folder.ready(), *((unit, folder.order(unit)) for unit in units), *folder.unlisted()]
+    if not orders:
+        return
+    waiting = deque(Unit(setup, seeds, (order,)) for seeds, order in orders)
+    nodes: set[str] = set()  # of workers that do not see the folder
+    episodes = sum(map(len, units)) or len(orders)
+    with folder.probed() as writing, scale.open(episodes) as workers:
+        for unit, result in workers.results(functools.partial(work, writing), waiting):
+            seeds, order = range(unit.seeds[0], unit.seeds[-1] + 1), unit.more[0]
+            assert isinstance(order, Order)
+            if isinstance(result, Unseen):
+                if result.node not in nodes:
+                    nodes.add(result.node)
+                    _report_unseen(folder, result.node, scale)
+                ready = _written_here(folder, seeds, order, result)
+            else:
+                ready = folder.took(seeds, result)
+            waiting.extendleft(Unit(setup, file, (joining,)) for file, joining in ready)
+            if order in (FILE, PART):
+                saving.count(len(seeds))
+
+
+def _written_here(
+    folder: Folder, seeds: range, order: Order, result: Unseen
+) -> list[tuple[range, Order]]:
+    """Does what a worker could not do; returns a file that can be joined now, if any."""
+    if result.content is not None:
+        return folder.add(seeds, result.content)
+    if order != LIST:  # which `finish` does
+        folder.join(seeds, order)
+    return []
+
+
+def _report_unseen(folder: Folder, node: str, scale: Scale) -> None:
+    if scale.on_state is not None:
+        note = (
+            f"a worker on node {node} does not see {folder.directory}, or may not write to it: "
+            "this process writes its files"
+        )
+        scale.on_state(State(scale.workers or 1, 0, note=note))
 
 
 def _in_order(episodes: Iterable[Episode]) -> list[Episode]:
@@ -283,7 +341,17 @@ class _Saving:
                 self._wait()
         self._report()
 
-    def save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> None:
+    def count(self, episodes: int) -> None:
+        """Counts episodes that a worker has saved."""
+        self._saved += episodes
+        self._report()
+
+    def join(self, files: Sequence[tuple[range, Order]]) -> None:
+        """Joins files in this thread."""
+        for seeds, order in files:
+            self._folder.join(seeds, order)
+
+    def save(self, seeds: Sequence[int], made: "list[Episode]") -> None:
         """Saves episodes, once those before them are saved."""
         self._wait()
         self._waiting, self._steps = len(seeds), 0
@@ -302,25 +370,15 @@ class _Saving:
             self._waiting = 0
             self._saved += pending.result()
 
-    def _save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> int:
-        content = made if isinstance(made, bytes) else encode(self._recipe, made)
-        self._folder.add(range(seeds[0], seeds[-1] + 1), content)
+    def _save(self, seeds: Sequence[int], made: "list[Episode]") -> int:
+        content = encode(self._recipe, made)
+        self.join(self._folder.add(range(seeds[0], seeds[-1] + 1), content))
         return len(seeds)
 
     def _report(self) -> None:
         if self._on_progress is not None:
             part = self._waiting + self._steps / self._recipe.step_limit
             self._on_progress(self._recipe.facts["policy"], self._saved, part)
-
-
-def _content(recipe: Recipe, episodes: list[Episode]) -> bytes:
-    """The content of the file of some episodes, as a worker makes it."""
-    if recipe.facts["versions"]["pyarrow"] != PYARROW:
-        raise ValueError(
-            f"pyarrow is {PYARROW} in a worker, and {recipe.facts['versions']['pyarrow']} where "
-            "the files are written: install the same version, so that the bytes are equal"
-        )
-    return encode(recipe, _in_order(episodes))
 
 
 def _units(seeds: Sequence[int], size: int, recipe: Recipe) -> Iterator[range]:

@@ -2,13 +2,15 @@
 
     with Folder(Path("data"), recipe) as folder:
         for seeds in blocks(folder.plan(range(1000)), 64):
-            folder.add(seeds, content)
+            for file, order in folder.add(seeds, content):      # or `took`, if a worker has written
+                folder.join(file, order)                        # or a worker does
         folder.finish()
 
 A file has the episodes of one block of seeds, as many as the recipe says, and is named by its
-seeds. It is written in `parts` and moved to `episodes` once it is complete. Where it has more
-episodes than are played together, they wait in `parts` and are joined, one episode at a time. Files
-are never written again: seeds that are added to a block have a file of their own.
+seeds. Where it has more episodes than are played together, they wait in `parts` and are joined, one
+row group at a time. Files are never written again: seeds that are added to a block have a file of
+their own. `writing` does all of this with a file; here is the list of what is there, which is
+read from the names alone, and of what is missing. Nothing is done twice for an episode.
 
 `finish` writes the manifest dataset.json and the card README.md. A shard plays some of the seeds.
 It joins the files that have its seeds only, and lists them in parts/dataset-K-of-N.json; the rest
@@ -17,14 +19,13 @@ hosts, numbers of workers.
 """
 
 import bisect
-import collections
 import contextlib
+import dataclasses
 import itertools
 import json
-import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from limberjack.episodes.manifest import (
@@ -37,23 +38,33 @@ from limberjack.episodes.manifest import (
     card,
     file_name,
     named_seeds,
-    sha256_of,
     united,
     without,
 )
-from limberjack.episodes.parquet import Shard, join
+from limberjack.episodes.parquet import Shard
+from limberjack.episodes.places import (
+    Place,
+    exists,
+    filling,
+    make_folder,
+    named,
+    read,
+    remove,
+    remove_folder,
+    size_of,
+)
 from limberjack.episodes.recipe import Recipe
+from limberjack.episodes.writing import ENDING, FILE, LIST, PART, Order, Writing, file_of, joining
 from limberjack.utils.facts import Facts
-from limberjack.utils.files import Hold, read_regular, replacing
+from limberjack.utils.files import Hold, random_letters, read_regular
 
 __all__ = ["Folder", "blocks", "calls_in", "check_distinct", "discard_other"]
 
 _CARD = "README.md"
-_ENDING = "part"  # of unfinished files, so that no reader of Parquet files takes them
 _RECORDS = "dataset-*-of-*.json"
 _RUNS = "run*.json"
 _UNFINISHED = re.compile(r"\.seeds-(\d{10})-\d{10}\.[0-9a-f]+\.part")  # see `utils.files.Partial`
-_TRIES = 10  # writes of a file, whose folder another process may remove in between
+_PROBE = ".probe-"
 
 
 def check_distinct(shards: Sequence[Shard]) -> None:
@@ -65,10 +76,16 @@ def check_distinct(shards: Sequence[Shard]) -> None:
                 f"{one.path} and {following.path} are of different datasets, whose {difference}: "
                 "move one of them into another folder"
             )
-        if following.seeds.start < one.seeds.stop:
+    _check_apart([(shard.path, shard.seeds) for shard in shards])
+
+
+def _check_apart(files: Sequence[tuple[object, range]]) -> None:
+    """Raises ValueError if two files, in the order of their names, have an episode of one seed."""
+    for (one, seeds), (following, others) in itertools.pairwise(files):
+        if others.start < seeds.stop:
             raise ValueError(
-                f"{one.path} and {following.path} both have the episode of seed "
-                f"{following.seeds.start}: remove one of them"
+                f"{one} and {following} both have the episode of seed {others.start}: remove one "
+                "of them"
             )
 
 
@@ -87,12 +104,20 @@ def blocks(seeds: Iterable[int], size: int) -> Iterator[range]:
 
 
 class Folder:
-    """See the module's docstring; `directory` is its path."""
+    """See the module's docstring.
+
+    Attributes:
+      directory: its place.
+      writing: writes files of episodes in this process.
+    """
 
     def __init__(
-        self, directory: Path, recipe: Recipe, shard: tuple[int, int] | None = None
+        self, directory: Place, recipe: Recipe, shard: tuple[int, int] | None = None
     ) -> None:
         """Opens a folder, which is created if needed.
+
+        One file is opened, and one part of a file, to compare their recipe; `finish` opens the
+        others.
 
         Args:
           directory: of the dataset.
@@ -106,40 +131,43 @@ class Folder:
           OSError: a file cannot be read.
         """
         self.directory = directory
+        self.writing = Writing(directory, recipe)
         self._episodes, self._parts = directory / EPISODES, directory / PARTS
         self._recipe = recipe
         self._shard = None if shard is None else "{}-of-{}".format(*shard)
         self._run = directory / ("run.json" if shard is None else f"run-{self._shard}.json")
-        directory.mkdir(parents=True, exist_ok=True)
-        self._hold = Hold(directory if shard is None else self._run)
+        make_folder(directory)
+        self._hold: Hold | None = None  # a server has no locks
+        if isinstance(directory, Path) and isinstance(self._run, Path):
+            self._hold = Hold(directory if shard is None else self._run)
         try:
             self._check()
             self.calls()
         except BaseException:
-            self._hold.release()
+            self._release()
             raise
         self._logged: bytes | None = None  # the content of run.json, once this process wrote it
-        self._made: dict[str, File] = {}  # files that this process wrote, by name
+        self._made: dict[str, File] = {}  # files that were written for this process, by name
         self._there: list[range] = []  # the seeds of files that were finished before
         self._wanted: list[range] = []
         self._own: list[range] = []  # the wanted seeds that this process plays
         self._targets: list[range] = []  # files to be written, in the order of their seeds
         self._left: dict[int, int] = {}  # episodes that one lacks, by its first seed
-        self._part_of: dict[int, Shard] = {}  # the part that has a seed
-        self._seeds_in: collections.Counter[str] = collections.Counter()  # of each part
+        self._parts_of: dict[int, list[range]] = {}  # the parts of one, likewise
 
     def __enter__(self) -> "Folder":
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._hold.release()
+        self._release()
+
+    def _release(self) -> None:
+        if self._hold is not None:
+            self._hold.release()
 
     def _check(self) -> None:
-        """Raises ValueError if the files are damaged or of another dataset.
-
-        A shard opens one file only: the process without a shard opens them all in the end.
-        """
-        if any(self.directory.glob("seeds-*.parquet")):
+        """Raises ValueError if the files are of another dataset, or those that it opens damaged."""
+        if named(self.directory, "seeds-*.parquet"):
             raise ValueError(
                 f"{self.directory} has a dataset of format 1, to which nothing can be added: "
                 "choose another folder"
@@ -147,26 +175,26 @@ class Folder:
         self._manifest = Manifest.read(self.directory / MANIFEST)
         if self._manifest is not None:
             self._check_recipe(self.directory / MANIFEST, self._manifest.recipe)
-        paths = self._finished()
-        shards = [self._opened(path) for path in (paths if self._shard is None else paths[:1])]
-        check_distinct(shards)
+        parts, files = _seeds_in(self._parts, ENDING), _seeds_in(self._episodes)
+        _check_apart([(self._episodes / file_name(seeds), seeds) for seeds in files])
+        for seeds in files[:1]:
+            self._opened(self._episodes / file_name(seeds))
+        for seeds in parts[:1]:
+            with contextlib.suppress(FileNotFoundError):  # another process has joined it
+                self._opened(self._parts / file_name(seeds, ENDING))
         if self._shard is None:
             self._records = self._read_records()
 
     def _read_records(self) -> dict[str, File]:
         """The files that are listed in the manifest and by shards."""
         manifests = [self._manifest]
-        for path in sorted(self._parts.glob(_RECORDS)):
+        for path in named(self._parts, _RECORDS):
             manifests.append(record := Manifest.read(path))
             if record is not None:
                 self._check_recipe(path, record.recipe)
         return {file.name: file for one in manifests if one is not None for file in one.files}
 
-    def _finished(self) -> list[Path]:
-        """The files of episodes, in the order of their seeds."""
-        return _named(self._episodes, "parquet")
-
-    def _opened(self, path: Path) -> Shard:
+    def _opened(self, path: Place) -> Shard:
         shard = Shard(path)
         if named_seeds(path.name) != shard.seeds:
             raise ValueError(
@@ -176,7 +204,7 @@ class Folder:
         self._check_recipe(path, shard.recipe)
         return shard
 
-    def _check_recipe(self, path: Path, recipe: Recipe) -> None:
+    def _check_recipe(self, path: Place, recipe: Recipe) -> None:
         difference = recipe.difference(self._recipe)
         if difference is not None:
             raise ValueError(
@@ -185,195 +213,220 @@ class Folder:
             )
 
     def plan(self, seeds: Sequence[int], own: Sequence[int] | None = None) -> list[int]:
-        """The seeds to be played, whose episodes are not here.
+        """The seeds to be played, whose episodes are not here; then `ready` has what to join.
 
         Args:
           seeds: all that are wanted, increasing; they decide which files there will be.
           own: those of a shard; all by default.
 
         Raises:
-          ValueError: the episodes may not fit onto the disk, or a part is damaged or of another
-            dataset; nothing was changed.
+          ValueError: the episodes may not fit onto the disk; nothing was changed.
         """
-        size = self._recipe.block
-        self._there = there = united(_seeds_of(path) for path in self._finished())
-        self._part_of.clear()
-        self._seeds_in.clear()
+        # Parts first: one that another process removes then is in a file that is listed.
+        parts = _seeds_in(self._parts, ENDING)
+        self._there = there = united(_seeds_in(self._episodes))
         self._wanted = list(_runs(seeds))
         self._own = self._wanted if own is None else list(_runs(own))
         lacking = without(self._wanted, there)
-        targets = [one for run in lacking for one in blocks(run, size)]
+        targets = [one for run in lacking for one in blocks(run, self._recipe.block)]
         self._targets = [one for one in targets if _is_within(one, self._own)]
-        self._left = {one.start: len(one) for one in self._targets}
-        mine = without(self._own, there)
-        useless = self._take_parts(mine)
-        missing = [seed for run in mine for seed in run if seed not in self._part_of]
+        self._count(parts)
+        missing = without(without(self._own, there), united(parts))
+        self._check_room(sum(map(len, missing)))
+        if self._shard is None:
+            self._remove_useless(parts, there)
+        return [seed for run in missing for seed in run]
+
+    def _count(self, parts: Sequence[range]) -> None:
+        """Counts the episodes that each file lacks, and keeps the parts that it has."""
+        self._left = {one.start: 0 for one in self._targets}
+        self._parts_of = {one.start: [] for one in self._targets}
+        for run in without(self._targets, united(parts)):
+            target = _range_with(run.start, self._targets)
+            assert target is not None, run
+            self._left[target.start] += len(run)
+        for part in parts:
+            for target in _meeting(part, self._targets):
+                self._parts_of[target.start].append(part)
+
+    def _check_room(self, missing: int) -> None:
+        """Raises ValueError if episodes may not fit onto the disk; a server's is unknown."""
+        if not missing or not isinstance(self.directory, Path):
+            return
         largest = max(map(len, self._targets), default=0)  # is here twice while it is joined
-        needed = self._recipe.most_nbytes(len(missing) + largest, len(self._targets) + 1)
+        needed = self._recipe.most_nbytes(missing + largest, len(self._targets) + 1)
         free = shutil.disk_usage(self.directory).free
-        if missing and needed > free:
+        if needed > free:
             raise ValueError(
-                f"{len(missing)} episodes may take {_size(needed)}, and {self.directory} has "
+                f"{missing} episodes may take {_size(needed)}, and {self.directory} has "
                 f"{_size(free)} left: give fewer seeds, another folder, or keep less of each step"
             )
-        for path in useless:
-            path.unlink(missing_ok=True)
-        for target in self._targets:
-            self._join(target)
-        return missing
 
-    def _take_parts(self, mine: Sequence[range]) -> list[Path]:
-        """Takes the parts that have some of these seeds; returns those of finished files."""
-        useless: list[Path] = []
-        for path in _named(self._parts, _ENDING):
-            seeds = _seeds_of(path)
-            if _meets(seeds, mine):
-                with contextlib.suppress(FileNotFoundError):  # another process has joined it
-                    self._take(self._opened(path))
-            elif self._shard is None and _is_within(seeds, self._there):
-                useless.append(path)
-        return useless
+    def _remove_useless(self, parts: Sequence[range], there: Sequence[range]) -> None:
+        """Removes the parts of finished files."""
+        for part in parts:
+            if _is_within(part, there):
+                remove(self._parts / file_name(part, ENDING))
 
-    def _take(self, part: Shard) -> None:
-        """Counts a part's episodes for the files to which they belong."""
-        for seed in part.seeds:
-            if seed in self._part_of or _range_with(seed, self._there) is not None:
-                continue
-            self._part_of[seed] = part
-            self._seeds_in[part.path.name] += 1
-            target = _range_with(seed, self._targets)
-            if target is not None:
-                self._left[target.start] -= 1
+    def ready(self) -> list[tuple[range, Order]]:
+        """Files whose parts are all here as `plan` ends, and how to join them."""
+        return [self._joined(one) for one in self._targets if not self._left[one.start]]
 
-    def add(self, seeds: range, content: bytes) -> None:
-        """Writes episodes that `plan` has named: a whole file, or a part of one.
+    def unlisted(self) -> list[tuple[range, Order]]:
+        """Files that were here as `plan` began, and that no process that finished has kept."""
+        known = self._records if self._shard is None else {}
+        files = [seeds for seeds in _seeds_in(self._episodes) if file_name(seeds) not in known]
+        if self._shard is not None:
+            files = [seeds for seeds in files if _is_within(seeds, self._own)]
+        return [(seeds, LIST) for seeds in files]
+
+    def order(self, seeds: range) -> Order:
+        """Whether some seeds that are played together make a whole file."""
+        return FILE if _range_with(seeds.start, self._targets) == seeds else PART
+
+    def add(self, seeds: range, content: bytes) -> list[tuple[range, Order]]:
+        """Writes episodes that `plan` has named; returns a file that can be joined now, if any.
 
         Raises:
           OSError: the file cannot be written, as on a full disk; nothing is left of it. Or another
             process writes to this folder, where there are no locks.
         """
         self._check_alone()
-        if _range_with(seeds.start, self._targets) == seeds:
-            self._write(seeds, lambda partial: partial.write_bytes(content))
-            return
-        path = self._parts / file_name(seeds, _ENDING)
-        self._replace(path, lambda partial: partial.write_bytes(content))
-        self._take(Shard(path))
+        return self.took(seeds, self.writing.write(seeds, content, self.order(seeds)))
+
+    def join(self, seeds: range, order: Order) -> None:
+        """Joins a file in this process.
+
+        Raises:
+          OSError: as of `add`.
+          ValueError: a part is damaged.
+        """
+        self._check_alone()
+        self.took(seeds, self.writing.join(seeds, [*order.named()]))
+
+    def took(self, seeds: range, file: File | None) -> list[tuple[range, Order]]:
+        """Counts what was written in; returns a file that can be joined now, if any.
+
+        Args:
+          seeds: of the episodes.
+          file: the entry of a file; None for a part.
+
+        Raises:
+          OSError: another process writes to this folder, where there are no locks.
+        """
+        self._check_alone()
+        if file is not None:
+            self._made[file.name] = file
+            return []
         target = _range_with(seeds.start, self._targets)
-        if target is not None:
-            self._join(target)
+        if target is None:  # a shard has some of its seeds
+            return []
+        self._parts_of[target.start].append(seeds)
+        self._left[target.start] -= len(seeds)
+        return [] if self._left[target.start] else [self._joined(target)]
 
-    def _join(self, seeds: range) -> None:
-        """Writes a file if its parts are all here, and removes the parts."""
-        if self._left[seeds.start]:
-            return
-        part_of = self._part_of
-        self._write(seeds, lambda partial: join(self._recipe, seeds, part_of.__getitem__, partial))
-        for seed in seeds:
-            name = part_of.pop(seed).path.name
-            self._seeds_in[name] -= 1
-            if not self._seeds_in[name]:
-                (self._parts / name).unlink(missing_ok=True)
+    def _joined(self, target: range) -> tuple[range, Order]:
+        return target, joining(self._parts_of.pop(target.start))
 
-    def _write(self, seeds: range, fill: Callable[[Path], object]) -> None:
-        """Writes a file of episodes, and keeps its entry of the manifest."""
-        path = self._episodes / file_name(seeds)
-        self._replace(path, fill)
-        self._left[seeds.start] = len(seeds)  # it is not joined again
-        self._made[path.name] = _file_of(path)
-
-    def _replace(self, path: Path, fill: Callable[[Path], object]) -> None:
-        """Writes a file, also while another process removes the folder of parts, empty to it."""
-        for _ in range(_TRIES):
-            self._parts.mkdir(exist_ok=True)
-            path.parent.mkdir(exist_ok=True)
-            with contextlib.suppress(FileNotFoundError):
-                self._replace_once(path, fill)
-                return
-        self._replace_once(path, fill)
-
-    def _replace_once(self, path: Path, fill: Callable[[Path], object]) -> None:
+    @contextlib.contextmanager
+    def probed(self) -> Iterator[Writing]:
+        """What workers write with: it finds the folder by a file with a random name."""
+        mark = "" if self._shard is None else f"{self._shard}-"
+        name = f"{_PROBE}{mark}{random_letters()}"
+        self.writing.put(self._parts / name, lambda partial: None)
         try:
-            with replacing(path, f".{_ENDING}", self._parts) as partial:
-                fill(partial)
-        except FileNotFoundError:  # another process that began here has removed it as unfinished
-            self._check_alone()
-            raise
+            yield dataclasses.replace(self.writing, probe=name)
+        finally:
+            remove(self._parts / name)
 
     def finish(self) -> None:
         """Writes the manifest and the card, or what a shard knows, if they are others than before.
 
         Raises:
-          ValueError: a file is damaged.
+          ValueError: a file is damaged or of another dataset.
           OSError: one cannot be read or written.
         """
         if self._shard is not None:
             self._write_record()
             return
-        files = [self._file(path) for path in self._finished()]
+        files = [self._file(seeds) for seeds in self._finished()]
         before = [] if self._manifest is None else self._manifest.wanted
         wanted = united([*before, *self._wanted, *(file.seeds for file in files)])
         manifest = Manifest(self._recipe, wanted, files)
-        if manifest != self._manifest or not (self.directory / _CARD).exists():
-            figures = [Shard(self._episodes / file.name).figures() for file in files]
+        if manifest != self._manifest or not exists(self.directory / _CARD):
+            figures = [self._opened(self._episodes / file.name).figures() for file in files]
             self._write_card(card(manifest, figures))
-            with replacing(self.directory / MANIFEST) as partial:
-                partial.write_text(manifest.text(figures), "utf-8")
-        for path in self._parts.glob(_RECORDS):
-            path.unlink(missing_ok=True)
-        with contextlib.suppress(OSError):  # it is missing, or has parts
-            self._parts.rmdir()
+            self._write(self.directory / MANIFEST, manifest.text(figures))
+        for path in named(self._parts, _RECORDS):
+            remove(path)
+        self._remove_useless(_seeds_in(self._parts, ENDING), united(one.seeds for one in files))
+        remove_folder(self._parts)  # unless it has other files
 
     def _write_record(self) -> None:
         """Writes the list of a shard's files."""
-        paths = [path for path in self._finished() if _is_within(_seeds_of(path), self._own)]
+        own = [seeds for seeds in self._finished() if _is_within(seeds, self._own)]
         path = self._parts / f"dataset-{self._shard}.json"
         known = Manifest.read(path)
         self._records = {file.name: file for file in known.files} if known else {}
-        record = Manifest(self._recipe, self._own, [self._file(path) for path in paths])
+        record = Manifest(self._recipe, self._own, [self._file(seeds) for seeds in own])
         if record != known:
-            self._replace(path, lambda partial: partial.write_text(record.text(), "utf-8"))
+            self.writing.put(path, lambda partial: partial.write_text(record.text(), "utf-8"))
 
-    def _file(self, path: Path) -> File:
+    def _finished(self) -> list[range]:
+        """The seeds of all files; what other machines wrote may be listed here only later."""
+        made = (file.seeds for file in self._made.values())
+        return sorted({*_seeds_in(self._episodes), *made}, key=lambda seeds: seeds.start)
+
+    def _file(self, seeds: range) -> File:
         """The entry of a file in the manifest.
 
         The file is read again if no process that finished has kept it.
         """
-        file = self._made.get(path.name) or self._records.get(path.name)
-        if file is not None and file.nbytes == path.stat().st_size:
+        name = file_name(seeds)
+        if name in self._made:
+            return self._made[name]
+        file = self._records.get(name)
+        if file is not None and file.nbytes == size_of(self._episodes / name):
             return file
-        return _file_of(path)
+        return file_of(self._episodes / name)
+
+    def _write(self, path: Place, text: str) -> bytes:
+        """Writes a file that is no file of episodes, and returns its bytes."""
+        content = text.encode()
+        with filling(path, self.directory) as partial:
+            partial.write_bytes(content)
+        return content
 
     def _write_card(self, text: str) -> None:
         path = self.directory / _CARD
-        if path.exists() and CARD_LINE.encode() not in read_regular(path):
+        if exists(path) and CARD_LINE.encode() not in read(path):
             return  # it is the user's
-        with replacing(path) as partial:
-            partial.write_text(text, "utf-8")
+        self._write(path, text)
 
     def log(self, call: Mapping[str, object]) -> None:
         """Writes a call to run.json, in the place of an entry that began at the same time."""
         is_first = self._logged is None
         earlier = [one for one in _calls(self._run) if one.get("began") != call["began"]]
-        with replacing(self._run) as partial:
-            text = json.dumps({"calls": [*earlier, call]}, indent=2)
-            partial.write_text(f"{text}\n", "utf-8")
-            self._logged = partial.read_bytes()
+        text = json.dumps({"calls": [*earlier, call]}, indent=2)
+        self._logged = self._write(self._run, f"{text}\n")
         if is_first:
             self._remove_unfinished()
 
     def _remove_unfinished(self) -> None:
         """Removes unfinished files of a process that was killed; other writers have other seeds."""
-        for path in self._parts.glob(".seeds-*"):
+        for path in named(self._parts, ".seeds-*"):
             found = _UNFINISHED.fullmatch(path.name)
             if found and _range_with(int(found[1]), self._own) is not None:
-                path.unlink(missing_ok=True)
+                remove(path)
+        mark = "" if self._shard is None else f"{self._shard}-"
+        for path in named(self._parts, f"{_PROBE}{mark}*"):
+            remove(path)
 
     def _check_alone(self) -> None:
         """Raises OSError if another process has logged a call since, for want of locks."""
-        if self._logged is None or not self._run.exists():
+        if self._logged is None or not exists(self._run):
             return
-        if read_regular(self._run) == self._logged:
+        if read(self._run) == self._logged:
             return
         raise OSError(
             f"another process writes to {self.directory}: end one of the two, or choose another "
@@ -393,7 +446,8 @@ def discard_other(directory: Path, recipe: Recipe) -> None:
       OSError: it cannot be read or removed.
     """
     episodes, parts = directory / EPISODES, directory / PARTS
-    shards = [*_named(episodes, "parquet"), *_named(parts, _ENDING)]
+    shards = [episodes / file_name(seeds) for seeds in _seeds_in(episodes)]
+    shards += [parts / file_name(seeds, ENDING) for seeds in _seeds_in(parts, ENDING)]
     if not shards or Shard(shards[0]).recipe.difference(recipe) is None:
         return
     with Hold(directory):
@@ -408,24 +462,25 @@ def discard_other(directory: Path, recipe: Recipe) -> None:
                 folder.rmdir()
 
 
-def calls_in(directory: Path) -> list[Facts]:
+def calls_in(directory: Place) -> list[Facts]:
     """The calls that were logged in a dataset's folder, those of shards too.
 
     Raises:
       ValueError: a log is damaged.
+      OSError: one cannot be read.
     """
-    return [call for path in sorted(directory.glob(_RUNS)) for call in _calls(path)]
+    return [call for path in named(directory, _RUNS) for call in _calls(path)]
 
 
-def _calls(path: Path) -> list[Facts]:
+def _calls(path: Place) -> list[Facts]:
     """The calls in a log; none where there is no file.
 
     Raises:
       ValueError: it is damaged, or has more than calls and so is something else.
     """
-    if not os.path.lexists(path):
+    if not exists(path):
         return []
-    content = read_regular(path)
+    content = read(path)
     try:
         log = json.loads(content)
         calls = [dict(call) for call in log["calls"]]
@@ -436,21 +491,10 @@ def _calls(path: Path) -> list[Facts]:
     return calls
 
 
-def _named(folder: Path, ending: str) -> list[Path]:
-    """The files that are named by seeds, in their order."""
-    paths = folder.glob(f"seeds-*.{ending}")
-    return sorted(path for path in paths if named_seeds(path.name) is not None)
-
-
-def _seeds_of(path: Path) -> range:
-    seeds = named_seeds(path.name)
-    assert seeds is not None, path
-    return seeds
-
-
-def _file_of(path: Path) -> File:
-    shard = Shard(path)
-    return File(shard.seeds, shard.rows, path.stat().st_size, sha256_of(path))
+def _seeds_in(folder: Place, ending: str = "parquet") -> list[range]:
+    """The seeds that the names of files in a folder give, in their order."""
+    found = (named_seeds(path.name) for path in named(folder, f"seeds-*.{ending}"))
+    return [seeds for seeds in found if seeds is not None]
 
 
 def _runs(seeds: Iterable[int]) -> Iterator[range]:
@@ -470,10 +514,12 @@ def _is_within(seeds: range, ranges: Sequence[range]) -> bool:
     return found is not None and seeds[-1] in found
 
 
-def _meets(seeds: range, ranges: Sequence[range]) -> bool:
-    """Whether one of increasing ranges has some of the seeds."""
+def _meeting(seeds: range, ranges: Sequence[range]) -> Iterator[range]:
+    """Those of increasing ranges that have some of the seeds."""
     number = bisect.bisect_right(ranges, seeds.start, key=lambda one: one.stop)
-    return number < len(ranges) and ranges[number].start < seeds.stop
+    while number < len(ranges) and ranges[number].start < seeds.stop:
+        yield ranges[number]
+        number += 1
 
 
 def _size(nbytes: float) -> str:

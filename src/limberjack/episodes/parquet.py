@@ -1,27 +1,32 @@
 """`Shard`: a Parquet file of episodes; `encode` and `join` write one.
 
     encode(recipe, episodes)                            # bytes; equal episodes, equal bytes
-    join(recipe, range(0, 140), shard_of, path)         # from files of fewer episodes, one by one
+    join(recipe, range(0, 140), parts, path)            # from files of fewer episodes, one by one
     with Shard(path).opened() as read:
         episode = read(seed)
 
 A row is a step: the observation before it, the action, and what followed. A last row has the last
-observation, and nulls in the columns of steps. A row group is an episode. An array is a list of
-fixed size, but the action, whose last one is null, is one of variable size: few versions of pyarrow
+observation, and nulls in the columns of steps. A row group has whole episodes: one, or as many
+short ones as have a quarter of a megabyte, so that footers stay small. An array is a list of fixed
+size, but the action, whose last one is null, is one of variable size: few versions of pyarrow
 read nulls in the other kind. A model field, `field/...`, is a list that is empty but in an
 episode's first row. Files of format 1 lack the columns step, time, is_first and is_last, and have
 NaN and false in the last row.
 
-The footer has the recipe under 'limberjack', and returns and statistics under 'limberjack_figures'.
+The footer has the recipe under 'limberjack', returns and statistics under 'limberjack_figures', and
+the steps of each episode under 'limberjack_lengths', without which each row group is an episode.
 Reading executes nothing. A file is checked, as anyone may have changed it: its columns and rows
 against its recipe, and each page against its checksum.
 
 This is the only module that imports pyarrow.
 """
 
+import bisect
 import contextlib
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import itertools
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +35,15 @@ import numpy as np
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.places import Place, check_file, opened
-from limberjack.episodes.recipe import FIELD, FORMAT, OBSERVATION, Column, Recipe
+from limberjack.episodes.recipe import (
+    FIELD,
+    FORMAT,
+    GROUP_NBYTES,
+    OBSERVATION,
+    Column,
+    Recipe,
+    is_whole,
+)
 from limberjack.utils.requirements import missing_extra
 
 try:
@@ -47,12 +60,12 @@ Values = np.ndarray | str  # of a column in an episode; the only text is the kin
 
 _Untyped = Any  # an object of pyarrow, which has no types
 
-_RECIPE, _FIGURES = b"limberjack", b"limberjack_figures"
+_RECIPE, _FIGURES, _LENGTHS = b"limberjack", b"limberjack_figures", b"limberjack_lengths"
 _PLACE = ("seed", "step", "time", "is_first", "is_last")  # columns that follow from seed and row
 # Columns that are read whichever observations are.
 _OF_EVERY = (*_PLACE, "start", "action", "reward", "terminated", "truncated", "success", "diverged")
 _LEVEL = 1  # of zstd: higher ones take longer and save 0.2 % of the humanoid's 616 bytes a step
-_MOST_BYTES = 2**30  # of an episode; an hour of a humanoid's steps with states takes a third of it
+_MOST_BYTES = 2**30  # of a row group; an hour of a humanoid's steps with states takes a third of it
 
 
 class Shard:
@@ -75,18 +88,24 @@ class Shard:
         check_file(path)
         self.path: Place = path
         with _damage_reported(path), _parquet_file(path) as file:
-            text = (file.metadata.metadata or {}).get(_RECIPE)
-            if text is None:
+            texts = file.metadata.metadata or {}
+            if _RECIPE not in texts:
                 raise ValueError("it has no recipe")
-            self.recipe, self.seeds = Recipe.parse(text)
+            self.recipe, self.seeds = Recipe.parse(texts[_RECIPE])
             if not file.schema_arrow.equals(_schema(self.recipe)):
                 raise ValueError("its columns are not those of its recipe")
-            groups = file.num_row_groups
-            self.lengths = [file.metadata.row_group(i).num_rows - 1 for i in range(groups)]
-        if groups != len(self.seeds) or min(self.lengths) < 1:
-            raise self._damaged(f"it has {groups} episodes of {self.lengths} steps")
-        size = sum(column.nbytes for column in self.recipe.columns)
-        if (max(self.lengths) + 1) * size > _MOST_BYTES:
+            groups = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+            text = texts.get(_LENGTHS)
+            self.lengths = [rows - 1 for rows in groups]
+            if text is not None:
+                self.lengths = _lengths(text, len(self.seeds))
+        if len(self.lengths) != len(self.seeds) or min(self.lengths) < 1:
+            raise self._damaged(f"it has {len(self.lengths)} episodes of {self.lengths} steps")
+        self._firsts = _starts(length + 1 for length in self.lengths)  # rows of episodes
+        self._groups = _starts(groups)  # rows of groups, and the end
+        if not set(self._groups) <= set(self._firsts):
+            raise self._damaged("its row groups are not of whole episodes")
+        if max(groups) * sum(column.nbytes for column in self.recipe.columns) > _MOST_BYTES:
             raise self._damaged(f"an episode takes more than {_MOST_BYTES:,} bytes")
 
     @property
@@ -117,8 +136,22 @@ class Shard:
             columns = columns if len(some) == len(columns) else some
         with _damage_reported(self.path):
             file = self.file()
+        names = None if columns is self.recipe.columns else [_leaf(column) for column in columns]
+        held: dict[int, _Untyped] = {}  # the row group that was read last
+
+        def read(seed: int) -> Episode:
+            number = seed - self.seeds.start
+            first, end = self._firsts[number], self._firsts[number + 1]
+            group = bisect.bisect_right(self._groups, first) - 1
+            with _damage_reported(self.path):
+                if group not in held:
+                    held.clear()
+                    held[group] = file.read_row_group(group, columns=names, use_threads=False)
+                table = held[group].slice(first - self._groups[group], end - first)
+                return self._episode(table, seed, columns)
+
         with file:
-            yield lambda seed: self._read(file, seed, columns)
+            yield read
 
     def file(self) -> pq.ParquetFile:
         """The open file, whose pages are compared with their checksums when they are read."""
@@ -128,20 +161,6 @@ class Shard:
         """All episodes, in the order of their seeds."""
         with self.opened() as read:
             yield from map(read, self.seeds)
-
-    def tables(self, seeds: range) -> Iterator[tuple[_Untyped, Episode]]:
-        """The tables of some of the seeds, each with its episode."""
-        with _damage_reported(self.path), self.file() as file:
-            for seed in seeds:
-                table = file.read_row_group(seed - self.seeds.start, use_threads=False)
-                yield table, self._episode(table, seed, self.recipe.columns)
-
-    def _read(self, file: pq.ParquetFile, seed: int, columns: Sequence[Column]) -> Episode:
-        names = None if columns is self.recipe.columns else [_leaf(column) for column in columns]
-        with _damage_reported(self.path):
-            group = seed - self.seeds.start
-            table = file.read_row_group(group, columns=names, use_threads=False)
-            return self._episode(table, seed, columns)
 
     def _episode(self, table: _Untyped, seed: int, columns: Sequence[Column]) -> Episode:
         form = self.recipe.format
@@ -235,40 +254,44 @@ def _part(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray
 def encode(recipe: Recipe, episodes: Sequence[Episode]) -> bytes:
     """The content of the file of some episodes, whose seeds follow each other."""
     first = episodes[0].seed
-    schema = _schema(recipe)
-
-    def tables() -> Iterator[tuple[_Untyped, Episode]]:
-        for episode in episodes:
-            values = columns_of(episode, recipe)
-            rows = episode.length + 1
-            columns = [_to_arrow(c, values[c.name], rows) for c in recipe.columns]
-            yield pa.Table.from_arrays(columns, schema=schema), episode
-
     file = io.BytesIO()
-    _write(recipe, range(first, first + len(episodes)), tables(), file)
+    _write(recipe, range(first, first + len(episodes)), episodes, file)
     return file.getvalue()
 
 
-def join(recipe: Recipe, seeds: range, part_of: Callable[[int], Shard], file: Path) -> None:
+def join(recipe: Recipe, seeds: range, parts: Iterable[Shard], file: Path) -> None:
     """Joins the episodes of seeds from several files into one.
 
     Args:
-      recipe: of all of them.
+      recipe: of the file.
       seeds: follow each other.
-      part_of: gives the file that has the episode of a seed; an episode is in memory at a time.
+      parts: the files that have the episodes, in the order of their seeds; an episode that two have
+        is read from the first. One row group is in memory at a time.
       file: to be written.
+
+    Raises:
+      ValueError: a part is damaged or of another dataset, or an episode is missing.
     """
 
-    def tables() -> Iterator[tuple[_Untyped, Episode]]:
-        first = seeds.start
-        while first < seeds.stop:
-            part = part_of(first)
-            end = min(part.seeds.stop, seeds.stop)
-            yield from part.tables(range(first, end))
-            first = end
+    def episodes() -> Iterator[Episode]:
+        following = seeds.start
+        for part in parts:
+            difference = recipe.difference(part.recipe)
+            if difference is not None:
+                raise ValueError(
+                    f"{part.path} is of another dataset, whose {difference}: remove it"
+                )
+            if following not in part.seeds:
+                break
+            with part.opened() as read:
+                for seed in range(following, min(part.seeds.stop, seeds.stop)):
+                    yield read(seed)
+            following = part.seeds.stop
+        if following < seeds.stop:
+            raise ValueError(f"no part has the episode of seed {following}: collect it again")
 
     with file.open("wb") as opened:
-        _write(recipe, seeds, tables(), opened)
+        _write(recipe, seeds, episodes(), opened)
 
 
 def _parquet_file(path: Place, **how: bool) -> pq.ParquetFile:
@@ -285,7 +308,7 @@ def _parquet_file(path: Place, **how: bool) -> pq.ParquetFile:
 def _write(
     recipe: Recipe,
     seeds: range,
-    tables: Iterator[tuple[_Untyped, Episode]],
+    episodes: Iterable[Episode],
     file: io.BytesIO | io.BufferedWriter,
 ) -> None:
     schema = _schema(recipe).with_metadata({_RECIPE: recipe.text(seeds)})
@@ -297,14 +320,63 @@ def _write(
         "write_statistics": ["seed"],  # so that other readers find an episode
         "write_page_checksum": True,
     }
-    figures = Figures(recipe)
+    figures, lengths = Figures(recipe), list[int]()
     with pq.ParquetWriter(
         file, schema, compression="zstd", compression_level=_LEVEL, **options
     ) as writer:
-        for table, episode in tables:
-            writer.write_table(table, row_group_size=table.num_rows)
-            figures.add(episode)
-        writer.add_key_value_metadata({_FIGURES: figures.text()})
+        for group in _groups(recipe, episodes):
+            table = pa.concat_tables([_table(recipe, episode) for episode in group])
+            # As one chunk: the bytes must not depend on how many there are.
+            writer.write_table(table.combine_chunks(), row_group_size=table.num_rows)
+            for episode in group:
+                figures.add(episode)
+                lengths.append(episode.length)
+        texts = {_FIGURES: figures.text(), _LENGTHS: _lengths_text(lengths)}
+        writer.add_key_value_metadata(texts)
+
+
+def _groups(recipe: Recipe, episodes: Iterable[Episode]) -> Iterator[list[Episode]]:
+    """The episodes of each row group, which depend on their lengths alone."""
+    row = sum(column.nbytes for column in recipe.columns)
+    group: list[Episode] = []
+    for episode in episodes:
+        group.append(episode)
+        if sum(one.length + 1 for one in group) * row >= GROUP_NBYTES:
+            yield group
+            group = []
+    if group:
+        yield group
+
+
+def _table(recipe: Recipe, episode: Episode) -> _Untyped:
+    """The rows of an episode."""
+    values = columns_of(episode, recipe)
+    columns = [_to_arrow(c, values[c.name], episode.length + 1) for c in recipe.columns]
+    return pa.Table.from_arrays(columns, schema=_schema(recipe))
+
+
+def _lengths_text(lengths: Sequence[int]) -> str:
+    """The steps of episodes as JSON: [[steps, episodes that follow each other], ...]."""
+    runs = [[steps, sum(1 for _ in same)] for steps, same in itertools.groupby(lengths)]
+    return json.dumps(runs, separators=(",", ":"))
+
+
+def _lengths(text: bytes, episodes: int) -> list[int]:
+    """The steps of so many episodes; raises ValueError if it is no such text."""
+    try:
+        runs = [(steps, count) for steps, count in json.loads(text)]
+    except (RecursionError, TypeError, ValueError) as error:
+        raise ValueError(f"its lengths are damaged: {error}") from error
+    if not all(is_whole(number) and number > 0 for run in runs for number in run):
+        raise ValueError("its lengths are no positive numbers")
+    if sum(count for _, count in runs) != episodes:
+        raise ValueError(f"its lengths are not those of {episodes} episodes")
+    return [steps for steps, count in runs for _ in range(count)]
+
+
+def _starts(counts: Iterable[int]) -> list[int]:
+    """The number of rows before each of some parts of a file, and of all rows."""
+    return [0, *itertools.accumulate(counts)]
 
 
 def _schema(recipe: Recipe) -> _Untyped:

@@ -1,30 +1,51 @@
-"""`Place`: the path of a file or folder to read from, or a `remote.Remote`, which a URL gives.
+"""`Place`: the path of a file or folder, or a `remote.Remote`, which a URL gives.
 
     folder = place_of("s3://bucket/walk")       # place_of("walk") is a path
     path = folder / "dataset.json"
     if exists(path):
-        with opened(path) as file:
-            content = file.read()
+        content = read(path)
+    with filling(path, folder / "parts") as file:     # a path on this machine
+        file.write_bytes(content)
 
-Local files are opened as `utils.files` does, which refuses pipes and devices.
+Local files are opened and written as `utils.files` does, which refuses pipes and devices. Files at
+a URL are written as `Remote.put` does.
 """
 
+import contextlib
 import io
 import os
 import re
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 from urllib.parse import urlsplit
 
-from limberjack.utils.files import check_regular, open_regular
+from limberjack.utils.files import check_regular, open_regular, replacing
 
 if TYPE_CHECKING:
     from limberjack.episodes.remote import Remote
 
-__all__ = ["Place", "check_file", "exists", "named", "opened", "place_of", "size_of"]
+__all__ = [
+    "Place",
+    "check_file",
+    "exists",
+    "filling",
+    "make_folder",
+    "move",
+    "named",
+    "opened",
+    "place_of",
+    "read",
+    "remove",
+    "remove_folder",
+    "size_of",
+]
 
 # A text, because only a URL imports fsspec.
 Place: TypeAlias = "Path | Remote"
+
+_UNFINISHED = ".part"  # suffix of unfinished files, so that no reader of Parquet files takes them
 
 # A protocol has two letters at least: C:\walk is a path. `simplecache::s3://...` is a URL, too.
 _URL = re.compile(r"([a-z][a-z0-9+.-]+::)*[a-z][a-z0-9+.-]+://", re.IGNORECASE)
@@ -98,3 +119,84 @@ def opened(place: Place) -> io.BufferedIOBase:
       ValueError: it is a pipe, a device or a socket.
     """
     return open_regular(place) if isinstance(place, Path) else place.open()
+
+
+def read(place: Place) -> bytes:
+    """The content of a file.
+
+    Raises:
+      OSError, ValueError: see `opened`.
+    """
+    with opened(place) as file:
+        return file.read()
+
+
+@contextlib.contextmanager
+def filling(place: Place, beside: Place) -> Iterator[Path]:
+    """A new, empty file on this machine; on a clean exit its content is at the place, whole.
+
+    Args:
+      place: of the file, which is replaced if it is there.
+      beside: the folder of unfinished files, in the same file system.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    if isinstance(place, Path):
+        assert isinstance(beside, Path)
+        with replacing(place, _UNFINISHED, beside) as partial:
+            yield partial
+        return
+    assert not isinstance(beside, Path)
+    with tempfile.TemporaryDirectory(prefix="limberjack-") as folder:
+        path = Path(folder) / place.name
+        path.touch()
+        yield path
+        place.put(path, beside)
+
+
+def make_folder(place: Place) -> None:
+    """Makes a folder, and those that it is in, unless it is there or the place has no folders.
+
+    Raises:
+      OSError: it cannot be made.
+    """
+    if isinstance(place, Path):
+        place.mkdir(parents=True, exist_ok=True)
+    else:
+        place.make_folder()
+
+
+def remove(place: Place) -> None:
+    """Removes a file if it is there.
+
+    Raises:
+      OSError: it cannot be removed.
+    """
+    if isinstance(place, Path):
+        place.unlink(missing_ok=True)
+    else:
+        place.remove()
+
+
+def remove_folder(place: Place) -> None:
+    """Removes a folder if it is there and empty."""
+    with contextlib.suppress(OSError):
+        if isinstance(place, Path):
+            place.rmdir()
+        else:
+            place.remove_folder()
+
+
+def move(place: Place, to: Place) -> None:
+    """Moves a file to another place in the same file system, where none is.
+
+    Raises:
+      OSError: it cannot be moved.
+    """
+    if isinstance(place, Path):
+        assert isinstance(to, Path)
+        place.rename(to)
+        return
+    assert not isinstance(to, Path)
+    place.move(to)

@@ -38,6 +38,7 @@ __all__ = [
     "FIELD",
     "FILE_MB",
     "FORMAT",
+    "GROUP_NBYTES",
     "OBSERVATION",
     "UNIT",
     "Column",
@@ -52,16 +53,19 @@ __all__ = [
 FORMAT = 2  # of new datasets
 UNIT = 64  # episodes that are played together: the rows of a batch
 FILE_MB = 100.0  # megabytes of a file before compression
+# Bytes before compression from which a row group is complete. It takes 1,500 in the footer with 15
+# columns, so that a footer is about 1 % of a file; and reading one episode reads its row group.
+GROUP_NBYTES = 2**18
 OBSERVATION, FIELD = "observation/", "field/"  # prefixes of columns
 
 _BLOCK_1 = 64  # seeds of a file of format 1
-_MOST_GROUPS = 2**15 - 1  # of a file, each an episode: the Parquet format numbers them in 16 bits
+_MOST_EPISODES = 2**15 - 1  # of a file: the Parquet format numbers row groups in 16 bits
 _DTYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _LARGEST = 2**28  # numbers in a row; beyond it a forged file would only exhaust the memory
 _LONGEST = 1e9  # seconds of an episode
 _MOST_MB = 1e6  # of a file: a terabyte
 _MOST_STEPS = 2**31  # of an episode
-# Bytes of a file besides its numbers: about 100 for each column of an episode, in its page and in
+# Bytes of a file besides its numbers: about 100 for each column of a row group, in its page and in
 # the footer, and up to 6,000 for the schema and the recipe.
 _COLUMN_NBYTES, _FILE_NBYTES = 256, 16_384
 _DIGITS = 32  # bytes of a number in the text of a footer
@@ -150,7 +154,7 @@ class Recipe:
         """The number of seeds, aligned at its multiples, whose episodes share a file."""
         if self.file_mb is None:
             return _BLOCK_1
-        return max(1, min(int(self.file_mb * 1e6 // self._group_nbytes), _MOST_GROUPS))
+        return max(1, min(int(self.file_mb * 1e6 // self._most_each), _MOST_EPISODES))
 
     def as_json(self) -> Facts:
         """The recipe as values of JSON."""
@@ -236,13 +240,15 @@ class Recipe:
     def most_nbytes(self, episodes: int, files: int) -> int:
         """Upper bound of the bytes of files with this number of episodes of full length."""
         numbers = sum(column.size for column in self.columns if column.has_figures)
-        per_file = _FILE_NBYTES + 4 * numbers * _DIGITS  # four figures of each
-        return self._group_nbytes * episodes + per_file * files
+        # Four figures of each number, and a row group that is not complete.
+        per_file = _FILE_NBYTES + 4 * numbers * _DIGITS + _COLUMN_NBYTES * len(self.columns)
+        return int(self._most_each * episodes) + per_file * files
 
     @property
-    def _group_nbytes(self) -> int:
-        """Bytes that an episode takes at most: its numbers, its pages and its return."""
-        return self.episode_nbytes + _COLUMN_NBYTES * len(self.columns) + _DIGITS
+    def _most_each(self) -> float:
+        """Bytes that an episode takes at most: its numbers, its part of the pages, its return."""
+        groups = min(1.0, self.episode_nbytes / GROUP_NBYTES)
+        return self.episode_nbytes + groups * _COLUMN_NBYTES * len(self.columns) + _DIGITS
 
 
 def recipe_of(

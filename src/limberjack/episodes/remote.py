@@ -1,9 +1,10 @@
-"""`Remote`: a file or folder at a URL that fsspec reads; needs the extra `data`.
+"""`Remote`: a file or folder at a URL that fsspec reads or writes; needs the extra `data`.
 
     folder = Remote("https://example.org/walk")
     file = folder / "episodes" / "seeds-0000000000-0000000064.parquet"
     with file.open() as opened:
         opened.read(4)
+    Remote("s3://bucket/walk/dataset.json").put(path, Remote("s3://bucket/walk/parts"))
 
 fsspec itself reads `memory://`, `ftp://`, `zip://` and others; `http://`, `s3://`, `hf://` and more
 need a package each, which its messages name. A copy in another process opens the file system again.
@@ -15,10 +16,12 @@ import errno
 import fnmatch
 import io
 import re
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
+from limberjack.utils.files import random_letters
 from limberjack.utils.requirements import missing_extra
 
 try:
@@ -32,6 +35,10 @@ __all__ = ["Remote"]
 # Bytes that are read at once: an episode of a humanoid takes 0.7 MB.
 _BLOCK = 2**22
 
+# Protocols of file systems with folders, in which a file that is being written has part of its
+# content, and a rename puts it in place at once. Others, such as s3, put whole objects.
+_RENAMING = {"dav", "ftp", "hdfs", "sftp", "smb", "ssh", "webdav", "webhdfs"}
+
 # In what is no name of a file: a page of links also leads elsewhere, or to itself in another order.
 _OTHER = re.compile(r"[/?#]|^$")
 _MISSING, _REFUSED = (404, 410), (401, 403, 405)  # statuses of HTTP
@@ -39,6 +46,7 @@ _MISSING, _REFUSED = (404, 410), (401, 403, 405)  # statuses of HTTP
 _gives_parts: dict[str, bool] = {}  # by web server, see `Remote._gives_parts`
 
 _Files = Any  # a file system of fsspec, which has no types
+_Result = TypeVar("_Result")
 
 
 class Remote:
@@ -98,26 +106,38 @@ class Remote:
 
     def exists(self) -> bool:
         """Whether there is such a file or folder."""
-        files, path = self._found()
         try:
-            with self._reported():
-                files.info(path)
+            self._information()
         except FileNotFoundError:
             return False
         return True
 
+    def _information(self) -> dict[str, object]:
+        """What the file system says of the file; raises FileNotFoundError if there is none."""
+        files, path = self._found()
+        return self._again(files, lambda: files.info(path))
+
+    def _again(self, files: _Files, do: Callable[[], _Result]) -> _Result:
+        """The result of a function; a file may have been written since its folder was listed."""
+        try:
+            with self._reported():
+                return do()
+        except FileNotFoundError:
+            files.invalidate_cache()
+        with self._reported():
+            return do()
+
     def size(self) -> int:
         """The bytes of the file."""
-        files, path = self._found()
-        with self._reported():
-            size = files.size(path)
-        if size is None:
+        size = self._information()["size"]
+        if not isinstance(size, int):
             raise OSError(errno.EIO, "the server does not say how long it is", str(self))
-        return int(size)
+        return size
 
     def named(self, pattern: str) -> "list[Remote]":
         """The files in the folder that match; none where the server lists no folders."""
         files, path = self._found()
+        files.invalidate_cache()
         try:
             with self._reported():
                 listed = files.ls(path, detail=False)
@@ -133,8 +153,8 @@ class Remote:
     def open(self) -> io.BufferedIOBase:
         """The file, open for reading; the caller closes it."""
         files, path = self._found()
+        file = self._again(files, lambda: files.open(path, "rb", block_size=_BLOCK))
         with self._reported():
-            file = files.open(path, "rb", block_size=_BLOCK)
             if not file.seekable():
                 with file:
                     return io.BytesIO(file.read())
@@ -150,24 +170,93 @@ class Remote:
             _gives_parts[server] = len(files.cat_file(path, start=0, end=1)) == 1
         return _gives_parts[server]
 
+    def put(self, path: Path, beside: "Remote") -> None:
+        """Writes the file, whole or not at all, with the content of one on this machine.
+
+        Args:
+          path: of the content.
+          beside: the folder of unfinished files, where files are renamed into their places.
+        """
+        files, place = self._found()
+        with self._reported("written"):
+            if not _RENAMING.intersection(_protocols(files)):
+                files.put_file(str(path), place)
+                files.invalidate_cache()
+                return
+            stem = self.name.rpartition(".")[0]
+            unfinished = beside / f".{stem}.{random_letters()}.part"
+            _, there = unfinished._found()
+            try:
+                files.put_file(str(path), there)
+                try:
+                    files.mv(there, place)
+                except Exception:  # some servers do not replace a file
+                    self.remove()
+                    files.mv(there, place)
+            except BaseException:
+                with contextlib.suppress(Exception):
+                    files.rm_file(there)
+                raise
+            files.invalidate_cache()
+
+    def move(self, to: "Remote") -> None:
+        """Moves the file to another place in the same file system."""
+        files, path = self._found()
+        with self._reported("moved"):
+            files.mv(path, to._found()[1])
+            files.invalidate_cache()
+
+    def remove(self) -> None:
+        """Removes the file if it is there."""
+        if not self.exists():
+            return
+        files, path = self._found()
+        with self._reported("removed"):
+            files.rm_file(path)
+            files.invalidate_cache()
+
+    def make_folder(self) -> None:
+        """Makes the folder, if the file system has folders."""
+        files, path = self._found()
+        if _RENAMING.intersection(_protocols(files)) and not self.exists():
+            with self._reported("made"):
+                files.makedirs(path, exist_ok=True)
+                files.invalidate_cache()
+
+    def remove_folder(self) -> None:
+        """Removes the empty folder, if the file system has folders."""
+        files, path = self._found()
+        with self._reported("removed"):
+            files.rmdir(path)
+            files.invalidate_cache()
+
     @contextlib.contextmanager
-    def _reported(self) -> Iterator[None]:
+    def _reported(self, done: str = "read") -> Iterator[None]:
         """Turns the errors of a file system, which may be any, into OSError with a number."""
         try:
             yield
         except Exception as error:
             cause = error.__cause__ if isinstance(error, FileNotFoundError) else error
-            if cause is None or isinstance(cause, FileNotFoundError) or _is_missing(cause):
+            if cause is None or _is_missing(cause, done):
                 missing = "there is no such file"
                 raise FileNotFoundError(errno.ENOENT, missing, str(self)) from None
             error = cause  # fsspec says that a file is missing if the server does not answer, too
             reason = f"{type(error).__name__}: {error}".rstrip(": ")
-            raise OSError(errno.EIO, f"it cannot be read ({reason})", str(self)) from error
+            raise OSError(errno.EIO, f"it cannot be {done} ({reason})", str(self)) from error
 
 
-def _is_missing(error: BaseException) -> bool:
-    """Whether a web server says that there is no such file."""
-    return getattr(error, "status", None) in _MISSING
+def _protocols(files: _Files) -> set[str]:
+    """The names of the protocols of a file system."""
+    return {files.protocol} if isinstance(files.protocol, str) else {*files.protocol}
+
+
+def _is_missing(error: BaseException, done: str) -> bool:
+    """Whether a file system, a web server or an FTP server says that there is no such file."""
+    if isinstance(error, FileNotFoundError | StopIteration):  # the latter from a list of names
+        return True
+    # To other requests than reading, FTP's 550 is any refusal.
+    is_refused = done == "read" and str(error).startswith("550 ")
+    return is_refused or getattr(error, "status", None) in _MISSING
 
 
 def _is_refused(error: BaseException | None) -> bool:

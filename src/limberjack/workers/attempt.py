@@ -5,7 +5,7 @@ answer = attempt(function, setup, seeds)     # a module-level function: pools an
 
 import dataclasses
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from limberjack.policies import PolicyError
@@ -17,8 +17,9 @@ __all__ = ["Answer", "Failed", "Function", "WorkError", "attempt", "described", 
 _Result = TypeVar("_Result")
 _Other = TypeVar("_Other")
 
-# Pure: its result depends on the setup and the seeds alone.
-Function = Callable[[Setup, tuple[int, ...]], _Result]
+# Takes a setup, seeds and what else a unit has. Its result depends on these alone, and so does what
+# it writes to files: a unit may be played twice.
+Function = Callable[..., _Result]
 
 
 class WorkError(RuntimeError):
@@ -44,7 +45,7 @@ class Failed:
 
 
 def attempt(
-    function: Function[_Other], setup: Setup, seeds: tuple[int, ...]
+    function: Function[_Other], setup: Setup, seeds: Sequence[int], *more: object
 ) -> "Answer[_Other] | Failed":
     """The function's result, or the reason why there is none.
 
@@ -53,7 +54,7 @@ def attempt(
     """
     try:
         setup.opened()
-        return Answer(function(setup, seeds))
+        return Answer(function(setup, seeds, *more))
     except MemoryError:
         raise
     except Refused as refusal:

@@ -9,13 +9,12 @@ The executor belongs to the caller, and is not shut down here.
 
 import concurrent.futures
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 from limberjack.workers.attempt import Answer, Failed, Function, WorkError, attempt, value_of
 from limberjack.workers.state import OnState, State
-from limberjack.workers.units import Unit
+from limberjack.workers.units import Unit, queue_of
 
 __all__ = ["ExecutorWorkers", "in_flight"]
 
@@ -37,14 +36,14 @@ def in_flight(
     """The units with their results, submitted as earlier ones end.
 
     Args:
-      units: each is submitted once.
+      units: each is submitted once; see `Workers.results`.
       workers: the number of units that are played at a time.
       running: takes the jobs that have been submitted and have not ended.
       submit: submits a unit.
       ended: waits a while; returns jobs that have ended.
       value: the result of such a job.
     """
-    waiting = deque(units)
+    waiting = queue_of(units)
     while waiting or running:
         while waiting and len(running) < _IN_FLIGHT * workers:
             unit = waiting.popleft()
@@ -96,7 +95,7 @@ class ExecutorWorkers:
 
         def submit(unit: Unit) -> concurrent.futures.Future[Answer[_Result] | Failed]:
             try:
-                return self._executor.submit(attempt, function, unit.setup, unit.seeds)
+                return self._executor.submit(attempt, function, unit.setup, unit.seeds, *unit.more)
             except RuntimeError as error:  # it has broken or is shut down
                 raise _broken(error) from error
 

@@ -10,6 +10,7 @@ and end with this process, however that ends.
 """
 
 import contextlib
+import hashlib
 import json
 import pickle
 import queue
@@ -25,7 +26,7 @@ from typing import BinaryIO, Literal, TypeVar
 from limberjack.workers.attempt import Answer, Failed, Function, WorkError, described, value_of
 from limberjack.workers.process import OUT_OF_MEMORY, read_message, write_message
 from limberjack.workers.state import OnState, State
-from limberjack.workers.units import Unit
+from limberjack.workers.units import Unit, queue_of
 
 __all__ = ["Pool"]
 
@@ -77,7 +78,7 @@ class _Worker(threading.Thread):
         self._answers = answers
         self._given: queue.SimpleQueue[tuple[object, Unit] | None] = queue.SimpleQueue()
         self._process: subprocess.Popen[bytes] | None = None
-        self._sent: set[str] = set()  # keys of the setups that the process knows
+        self._sent: set[str] = set()  # keys of functions and setups that the process knows
         self._guard = threading.Lock()
         self._closing = False
         self.start()
@@ -115,10 +116,12 @@ class _Worker(threading.Thread):
             return _Lost(0)  # closing: nobody reads the answer
         streams: tuple[BinaryIO, BinaryIO] = process.stdin, process.stdout  # pyright: ignore
         try:
-            setup = None if unit.setup.key in self._sent else unit.setup
-            message = pickle.dumps((function, unit.setup.key, setup, unit.seeds))
+            key = hashlib.sha256(pickle.dumps(function)).hexdigest()
+            once = {key: function, unit.setup.key: unit.setup}
+            new = {name: value for name, value in once.items() if name not in self._sent}
+            message = pickle.dumps((new, key, unit.setup.key, unit.seeds, unit.more))
             write_message(streams[0], [message])
-            self._sent.add(unit.setup.key)
+            self._sent.update(once)
             self.state = "playing"
             return pickle.loads(read_message(streams[1]))
         except (EOFError, OSError):
@@ -163,7 +166,7 @@ class Pool:
         Raises:
           WorkError: a unit failed, or lost its worker three times.
         """
-        waiting, attempts = deque(units), dict[Unit, int]()
+        waiting, attempts = queue_of(units), dict[Unit, int]()
         idle, playing = deque(self._workers), 0
         while waiting or playing:
             while idle and waiting:

@@ -36,24 +36,25 @@ def main() -> None:
     _offer_to_be_killed_first()
     messages: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(units, messages), daemon=True).start()
-    setups: dict[str, Setup] = {}
+    known: dict[str, object] = {}  # functions and setups, by their keys
     while True:
         try:
-            answer = _answer(messages.get(), setups)
+            answer = _answer(messages.get(), known)
         except MemoryError:
             os._exit(OUT_OF_MEMORY)
         write_message(answers, [answer])
 
 
-def _answer(message: bytes, setups: dict[str, Setup]) -> bytes:
-    """The answer to a message, which may bring a setup for later ones too."""
+def _answer(message: bytes, known: dict[str, object]) -> bytes:
+    """The answer to a message, which may bring a function and a setup for later ones too."""
     try:
-        function, key, setup, seeds = pickle.loads(message)
-        if setup is not None:
-            setups[key] = setup
-        setup = setups[key]
+        new, function_key, setup_key, seeds, more = pickle.loads(message)
+        known.update(new)
+        function, setup = known[function_key], known[setup_key]
+        assert callable(function)
+        assert isinstance(setup, Setup)
         try:
-            return pickle.dumps(attempt(function, setup, seeds))
+            return pickle.dumps(attempt(function, setup, seeds, *more))
         except KeyboardInterrupt as error:  # raised by the user's code: no signal reaches a worker
             error.add_note(str(Unit(setup, seeds)))
             return pickle.dumps(Failed(described(error)))

@@ -14,7 +14,7 @@ No other file imports ray.
 import logging
 import socket
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
 
 from limberjack.utils.requirements import missing_extra
@@ -75,8 +75,10 @@ class RayTasks:
           WorkError: a unit failed, or lost its worker three times.
         """
 
+        shared = ray.put(function)  # once, as setups
+
         def submit(unit: Unit) -> object:
-            return self._task.remote(function, self._shared(unit.setup), unit.seeds)
+            return self._task.remote(shared, self._shared(unit.setup), unit.seeds, *unit.more)
 
         def value(reference: object, unit: Unit) -> _Result:
             try:
@@ -124,10 +126,10 @@ class RayTasks:
 
 
 def _attempt(
-    function: Function[_Result], setup: Setup, seeds: tuple[int, ...]
+    function: Function[_Result], setup: Setup, seeds: Sequence[int], *more: object
 ) -> "Answer[_Result] | Failed":
     """`attempt` under a name of this module, which Ray shows."""
-    return attempt(function, setup, seeds)
+    return attempt(function, setup, seeds, *more)
 
 
 def _connect(address: str, workers: int | None) -> None:

@@ -32,7 +32,7 @@ from limberjack.workers.factories import Factory
 from limberjack.workers.pool import Pool
 from limberjack.workers.setup import Setup, setup_of
 from limberjack.workers.state import OnState
-from limberjack.workers.units import Unit
+from limberjack.workers.units import Unit, queue_of
 
 __all__ = ["Scale", "Workers", "open_workers"]
 
@@ -49,9 +49,10 @@ class Workers(Protocol):
         """The units with their results, in the order in which they end.
 
         Args:
-          function: of a setup and seeds, at the top level of a module, or a `partial` of one; its
-            result depends on these alone.
-          units: each is played once, or again if its worker is lost.
+          function: of a setup, seeds and what else a unit has, at the top level of a module, or a
+            `partial` of one; its result depends on these alone.
+          units: each is played once, or again if its worker is lost. A `deque` may be added to
+            while its results are read.
 
         Raises:
           WorkError: a unit failed, or workers were lost or refused. Earlier results are complete.
@@ -205,8 +206,10 @@ class _Here:
         self, function: Function[_Result], units: Iterable[Unit]
     ) -> Iterator[tuple[Unit, _Result]]:
         """The units with their results, in their order."""
-        for unit in units:
-            yield unit, function(unit.setup, unit.seeds)
+        waiting = queue_of(units)
+        while waiting:
+            unit = waiting.popleft()
+            yield unit, function(unit.setup, unit.seeds, *unit.more)
 
     def close(self) -> None:
         """Does nothing."""

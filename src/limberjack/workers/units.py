@@ -9,6 +9,7 @@ Units and shards are split at seeds that are multiples of 64, because an episode
 
 import collections
 import dataclasses
+from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -17,15 +18,22 @@ from limberjack.policies import ROWS
 if TYPE_CHECKING:
     from limberjack.workers.setup import Setup
 
-__all__ = ["Unit", "shard_of", "units_of"]
+__all__ = ["Unit", "queue_of", "shard_of", "units_of"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Unit:
-    """Seeds that are played together, and everything else that their episodes depend on."""
+    """Seeds that are played together, and everything else that their episodes depend on.
+
+    Attributes:
+      setup: the task and the policy.
+      seeds: a tuple, or a range, which is small however long it is.
+      more: further arguments of the function that a worker calls.
+    """
 
     setup: "Setup"
-    seeds: tuple[int, ...]
+    seeds: Sequence[int]
+    more: tuple[object, ...] = ()
 
     @property
     def policy(self) -> str:
@@ -36,6 +44,11 @@ class Unit:
         first, last = min(self.seeds), max(self.seeds)
         which = f"seed {first}" if first == last else f"seeds {first} to {last}"
         return f"policy {self.policy!r}, {which}"
+
+
+def queue_of(units: Iterable[Unit]) -> deque[Unit]:
+    """The units as a queue; a queue is returned as it is, so that its owner may add to it."""
+    return units if isinstance(units, deque) else deque(units)
 
 
 def units_of(seeds: Iterable[int], size: int = ROWS) -> list[tuple[int, ...]]:
