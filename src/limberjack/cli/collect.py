@@ -77,6 +77,12 @@ _FileMb = Annotated[
         help="Megabytes of a file before compression; it fixes the number of seeds of a file.",
     ),
 ]
+_Repair = Annotated[
+    bool,
+    typer.Option(
+        "--repair", help="First move damaged files into DIR/damaged; they are then made again."
+    ),
+]
 _FormatName = Annotated[
     _Format, typer.Option(help="Besides Parquet files: a Minari dataset in DIR/minari.")
 ]
@@ -102,6 +108,7 @@ def _collect(
     float32: _Float32 = False,
     flat: _Flat = False,
     file_mb: _FileMb = 100.0,
+    repair: _Repair = False,
     format: _FormatName = _Format.PARQUET,
     threads: Threads = None,
     time_limit: TimeLimit = None,
@@ -141,6 +148,7 @@ def _collect(
             out=out,
             keep=(states, float32, flat),
             file_mb=file_mb,
+            repair=repair,
             time_limit=time_limit,
             action_repeat=action_repeat,
             num_threads=threads,

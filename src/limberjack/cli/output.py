@@ -171,7 +171,8 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
 
 @contextlib.contextmanager
 def remarks_reported() -> Iterator[None]:
-    """Prints at exit, once each, why a task was played in rows, and whose scores a policy has."""
+    """Prints at exit, once each, why a task was played in rows, and other remarks on results."""
+    from limberjack.episodes.manifest import SET_ASIDE
     from limberjack.policies.networks import OTHER_SCORES
     from limberjack.rl.batches import NOT_VECTORISED
 
@@ -179,7 +180,7 @@ def remarks_reported() -> Iterator[None]:
 
     class Remarks(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            if record.msg in (NOT_VECTORISED, OTHER_SCORES):
+            if record.msg in (NOT_VECTORISED, OTHER_SCORES, SET_ASIDE):
                 remarks[record.getMessage()] = None
 
     handler, level = Remarks(logging.INFO), log.level

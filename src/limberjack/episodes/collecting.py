@@ -32,6 +32,7 @@ from limberjack.episodes.places import Place, place_of
 from limberjack.episodes.player import OnEnded, Player
 from limberjack.episodes.playing import OnStep, Step
 from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
+from limberjack.episodes.repairing import set_aside
 from limberjack.episodes.writing import FILE, LIST, PART, Order, Unseen, work
 from limberjack.policies import PolicyError
 from limberjack.registry.sets import Tasks, tasks_of
@@ -54,6 +55,7 @@ def collect(
     out: Path | str,
     kept: Kept | None = None,
     file_mb: float = FILE_MB,
+    repair: bool = False,
     time_limit: float | None = None,
     action_repeat: int | None = None,
     num_threads: int | None = None,
@@ -80,6 +82,8 @@ def collect(
       kept: what is kept of each step; by default observations as they are, and no states.
       file_mb: megabytes of a file before compression, by which its number of seeds is chosen: as
         many as have room if all episodes have full length, and at least one.
+      repair: first move damaged files into the folder `damaged`, and collect their episodes again,
+        too; not with a shard.
       num_threads, workers, executor, ray: the workers, as for `limberjack.evaluation.evaluate`.
       shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder, which a call
         without `shard` completes.
@@ -98,6 +102,8 @@ def collect(
       OSError: a file cannot be written.
       ImportError: the extra `data` is missing.
     """
+    if repair and shard is not None:
+        raise ValueError("repair and shard are both given: repair the dataset without a shard")
     player = Player(
         domain,
         task,
@@ -115,7 +121,14 @@ def collect(
         directory = directory.absolute()  # a policy may change folders
     with contextlib.closing(player):
         collect_with(
-            player, directory, kept, file_mb, shard=shard, on_progress=on_progress, command=command
+            player,
+            directory,
+            kept,
+            file_mb,
+            shard=shard,
+            repair=repair,
+            on_progress=on_progress,
+            command=command,
         )
 
 
@@ -173,6 +186,7 @@ def collect_with(
     *,
     shard: tuple[int, int] | None = None,
     replaces: bool = False,
+    repair: bool = False,
     on_progress: OnProgress | None = None,
     on_step: OnStep | None = None,
     on_ended: OnEnded | None = None,
@@ -183,7 +197,7 @@ def collect_with(
     Args:
       player: its results are kept.
       directory: an absolute path, or the place of a URL.
-      kept, file_mb, shard, on_progress, command: as for `collect`.
+      kept, file_mb, shard, repair, on_progress, command: as for `collect`.
       replaces: discard a dataset of another recipe that is here; by default it is an error.
       on_step: called as episodes begin in this process, and after each step.
       on_ended: called with each episode that ends in this process.
@@ -197,6 +211,8 @@ def collect_with(
     if replaces:
         assert isinstance(directory, Path)  # of `run` and `solve`, which also write films there
         discard_other(directory, recipe)
+    if repair:
+        player.add_seeds(set_aside(directory, recipe))
     canary = player.canary
     with Folder(directory, recipe, shard) as folder:
         missing = folder.plan(player.wanted, player.seeds)

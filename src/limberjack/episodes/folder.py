@@ -330,7 +330,7 @@ class Folder:
 
     @contextlib.contextmanager
     def probed(self) -> Iterator[Writing]:
-        """What workers write with: it finds the folder by a file with a random name."""
+        """The `Writing` of workers, which find the folder by a file with a random name."""
         mark = "" if self._shard is None else f"{self._shard}-"
         name = f"{_PROBE}{mark}{random_letters()}"
         self.writing.put(self._parts / name, lambda partial: None)

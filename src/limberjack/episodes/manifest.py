@@ -26,6 +26,7 @@ __all__ = [
     "EPISODES",
     "MANIFEST",
     "PARTS",
+    "SET_ASIDE",
     "File",
     "Manifest",
     "card",
@@ -41,6 +42,7 @@ CARD_LINE = (
     "<!-- `limberjack collect` writes this file again when it adds episodes, unless you remove "
     "this line. -->"
 )
+SET_ASIDE = "%s is damaged: it was moved to %s, and is made again"  # logged by a repair
 
 _MOST_BYTES = 2**28  # of a manifest: ten million episodes
 _NAME = re.compile(r"seeds-(\d{10})-(\d{10})\.(parquet|part)")

@@ -131,6 +131,10 @@ class Player:
         if self._starts is not None:
             self._starts.close()
 
+    def add_seeds(self, seeds: Iterable[int]) -> None:
+        """Makes more seeds wanted; there must be no shard."""
+        self.wanted = self.seeds = sorted({*self.wanted, *seeds})
+
     def units(self, seeds: Iterable[int]) -> list[tuple[int, ...]]:
         """The seeds in groups that are played together."""
         return units_of(seeds, 1 if self.actor.plays_alone else ROWS)

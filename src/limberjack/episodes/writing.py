@@ -60,7 +60,7 @@ _READ_ONLY = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 @dataclasses.dataclass(frozen=True)
 class Order:
-    """What to do with seeds.
+    """A piece of work on seeds.
 
     Attributes:
       what: play them and write them as a file or as a part of one, join parts to a file, or read a
@@ -98,7 +98,7 @@ def joining(parts: Iterable[range]) -> Order:
 
 @dataclasses.dataclass(frozen=True)
 class Unseen:
-    """What a worker returns that does not see the folder, or may not write to it.
+    """The answer of a worker that does not see the folder, or may not write to it.
 
     Attributes:
       node: the worker's.

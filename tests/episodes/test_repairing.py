@@ -1,0 +1,131 @@
+"""Repairs: damaged files are moved aside and made again; nothing else is touched."""
+
+import logging
+import shutil
+from pathlib import Path
+
+import pytest
+
+from limberjack.data import Dataset, Kept, collect, load
+from limberjack.episodes.repairing import set_aside
+from limberjack.utils.files import Hold
+
+from .collected import PENDULUM, copy, folder_of, of_64, whole_hashes
+from .collected import damaged as damaged_content
+
+_FIRST, _SECOND = "seeds-0000000000-0000000064.parquet", "seeds-0000000064-0000000070.parquet"
+
+
+@pytest.fixture
+def folder(pendulums: Dataset, tmp_path: Path) -> Path:
+    """A copy of a dataset of two files."""
+    return copy(folder_of(pendulums), tmp_path / "data")
+
+
+def _repair(folder: "Path | str", seeds: range = range(70), kept: Kept | None = None) -> None:
+    domain, task, seconds = PENDULUM
+    how = {"time_limit": seconds, "num_threads": 1, "file_mb": of_64(PENDULUM)}
+    collect(domain, task, "random", seeds, out=folder, kept=kept, repair=True, **how)
+
+
+def _times(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+def _moved(folder: Path) -> list[str]:
+    """The names of files that were moved; then the folder is as others are."""
+    names = sorted(path.name for path in (folder / "damaged").iterdir())
+    shutil.rmtree(folder / "damaged")
+    return names
+
+
+@pytest.mark.parametrize("damage", ["a page", "a footer", "empty", "another file", "a name"])
+def test_a_damaged_file_is_moved_aside_and_made_again(
+    damage: str, folder: Path, pendulums: Dataset, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = folder / "episodes" / _FIRST
+    content = path.read_bytes()
+    changed = {
+        "a page": damaged_content(content),
+        "a footer": content[:-1],
+        "empty": b"",
+        "another file": content.replace(b"limberjack_lengths", b"limberjack_lengthz"),
+        "a name": (folder / "episodes" / _SECOND).read_bytes(),
+    }[damage]
+    path.write_bytes(changed)
+    with caplog.at_level(logging.WARNING, "limberjack"):
+        _repair(folder)
+    there = folder / "damaged" / _FIRST
+    assert f"{path} is damaged: it was moved to {there}, and is made again" in caplog.messages
+    assert there.read_bytes() == changed
+    assert _moved(folder) == [_FIRST]
+    assert whole_hashes(folder) == whole_hashes(folder_of(pendulums))
+    load(folder).verify()
+
+
+def test_without_damage_a_repair_changes_nothing(folder: Path) -> None:
+    before = _times(folder)
+    _repair(folder)
+    assert _times(folder) == before
+    assert set_aside(folder / "missing", load(folder).recipe) == []
+
+
+def test_all_episodes_of_damaged_files_are_made_again_with_the_seeds_that_are_given(
+    folder: Path, pendulums: Dataset
+) -> None:
+    for _ in range(2):
+        for name in (_FIRST, _SECOND):
+            (folder / "episodes" / name).write_bytes(b"PAR1")
+        _repair(folder, range(3))
+    assert load(folder).seeds == list(range(70))
+    assert _moved(folder) == [_FIRST, f"{_FIRST}.2", _SECOND, f"{_SECOND}.2"]
+    assert whole_hashes(folder) == whole_hashes(folder_of(pendulums))
+
+
+def test_damaged_lists_and_parts_are_moved_aside(folder: Path, pendulums: Dataset) -> None:
+    (folder / "dataset.json").write_text("{")
+    (folder / "parts").mkdir()
+    (folder / "parts" / "dataset-1-of-2.json").write_text("")
+    (folder / "episodes" / _SECOND).unlink()
+    (folder / "parts" / "seeds-0000000064-0000000070.part").write_bytes(b"PAR1")
+    _repair(folder)
+    assert _moved(folder) == [
+        "dataset-1-of-2.json",
+        "dataset.json",
+        "seeds-0000000064-0000000070.part",
+    ]
+    assert whole_hashes(folder) == whole_hashes(folder_of(pendulums))
+
+
+def test_a_dataset_at_a_url_is_repaired(folder: Path, pendulums: Dataset) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="needs the extra 'data'")
+    files = fsspec.filesystem("memory")
+    files.put(str(folder), "/repaired", recursive=True)
+    try:
+        files.pipe_file(f"/repaired/episodes/{_SECOND}", b"PAR1")
+        _repair("memory://repaired")
+        assert files.cat_file(f"/repaired/damaged/{_SECOND}") == b"PAR1"
+        load("memory://repaired").verify()
+    finally:
+        files.rm("/repaired", recursive=True)
+
+
+def test_another_dataset_is_refused_and_nothing_is_moved(folder: Path) -> None:
+    (folder / "episodes" / _FIRST).write_bytes(b"PAR1")
+    for name in ("dataset.json", "README.md"):  # then without a manifest
+        before = _times(folder)
+        with pytest.raises(ValueError, match=r"another dataset .*, whose flat is False and True: "):
+            _repair(folder, kept=Kept(flat=True))
+        assert _times(folder) == before
+        (folder / name).unlink()
+
+
+def test_nothing_is_moved_while_another_process_writes_or_with_a_shard(folder: Path) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    (folder / "episodes" / _FIRST).write_bytes(b"PAR1")
+    before = _times(folder)
+    with Hold(folder), pytest.raises(ValueError, match="another process writes to"):
+        _repair(folder)
+    with pytest.raises(ValueError, match="repair and shard are both given: repair the dataset"):
+        collect(*PENDULUM[:2], seeds=range(2), out=folder, repair=True, shard=(1, 2))
+    assert _times(folder) == before
