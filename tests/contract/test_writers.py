@@ -42,25 +42,26 @@ _BY_FULL_NAME = {
 _OTHERS = {
     ("limberjack.workers.process", "open"),  # a value of the kernel's, in /proc
     ("limberjack.utils.io", "open"),  # dm_control's function, whose caller chooses the mode
-    # Into memory, or a file that `limberjack.episodes.folder` has made with `replacing`.
+    # Into memory, or a file that `limberjack.episodes.writing` has made with `filling`.
     ("limberjack.episodes.parquet", "pq.ParquetWriter"),
     ("limberjack.episodes.parquet", "writer.write_table"),
     ("limberjack.episodes.parquet", "file.open"),
-    ("limberjack.episodes.folder", "path.write_bytes"),
+    ("limberjack.episodes.writing", "partial.write_bytes"),
+    ("limberjack.episodes.folder", "partial.write_text"),
     ("limberjack.episodes.remote", "files.open"),  # for reading; fsspec takes the mode second
     ("limberjack.adapters.sb3", "zipfile.ZipFile"),
 }
 
 
 def _names_of_partial_files(node: ast.AST) -> set[str]:
-    """Variables that `with replacing(...) as name` binds in a module."""
+    """Variables that `with replacing(...) as name`, or `filling`, binds in a module."""
     return {
         item.optional_vars.id
         for one in ast.walk(node)
         if isinstance(one, ast.With)
         for item in one.items
         if isinstance(item.context_expr, ast.Call)
-        and ast.unparse(item.context_expr.func).endswith("replacing")
+        and ast.unparse(item.context_expr.func).endswith(("replacing", "filling"))
         and isinstance(item.optional_vars, ast.Name)
     }
 

@@ -113,7 +113,7 @@ class Remote:
         return True
 
     def _information(self) -> dict[str, object]:
-        """What the file system says of the file; raises FileNotFoundError if there is none."""
+        """The properties of the file; raises FileNotFoundError if there is none."""
         files, path = self._found()
         return self._again(files, lambda: files.info(path))
 
