@@ -112,6 +112,48 @@ def test_diverged_episodes_and_other_versions_are_shown(tmp_path: Path) -> None:
     assert "<dt>Played with</dt><dd>mujoco 4.0.0; mujoco 4.0.1</dd>" in text
 
 
+def _of(episodes: int) -> dict[str, Any]:
+    """A result of many episodes, with two kinds of starts, whose returns are their numbers."""
+    result = _result()
+    entry = {"start": "in a corner", "length": 1000, "final_reward": 1 / 3, "success": True}
+    result["episodes"] = [
+        {**entry, "seed": 10**9 + seed, "return": seed + 1 / 3} for seed in range(episodes)
+    ]
+    result["episodes"][-1]["start"] = "hanging"
+    returns = [entry["return"] for entry in result["episodes"]]
+    floor = {"returns": returns, "final_rewards": [1 / 3] * episodes}
+    return {
+        **result,
+        "floors": {"zero": floor, "random": floor},
+        "seeds": [entry["seed"] for entry in result["episodes"]],
+    }
+
+
+def test_a_page_of_many_episodes_has_a_sample_and_quantiles_and_stays_small(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "report.html"
+    sizes = []
+    for episodes in (10_000, 10_001, 30_000):
+        report.write_evaluation_page(path, _of(episodes))
+        sizes.append(path.stat().st_size)
+        text = path.read_text(encoding="utf-8")
+        if episodes == 10_000:
+            assert len(_rows(text, "Episodes of mine")) == 10_000
+            assert "Quantiles" not in text
+            continue
+        rows = _rows(text, f"Episodes of mine: 1,000 of {episodes:,}")
+        assert (rows[0][0], rows[-1][0]) == ("1000000000", str(10**9 + episodes - 1))
+        assert len({row[0] for row in rows}) == 1000
+        assert f"{episodes:,} seeds from 1000000000 to {10**9 + episodes - 1}, as in" in text
+    assert max(sizes) < 5e6
+    assert max(sizes[1:]) < 1e6
+    rows = {row[0]: row[1:] for row in _rows(text, "Quantiles of returns")}
+    assert list(rows) == ["mine", "zero", "random", "hanging", "in a corner"]
+    assert rows["mine"][:2] == ["0.333", "300.323"]
+    assert rows["mine"][-1] == rows["hanging"][0] == "29999.333"
+
+
 def _result() -> dict[str, Any]:
     """A result of one episode, as `Evaluation.as_json` has it."""
     summary = {

@@ -3,7 +3,8 @@
     write_evaluation_page(Path("scores/report.html"), result)
 
 It shows what result.json holds: the summary of each policy and kind of start, the distribution of
-returns, and every episode. There is no film, as the episodes were played in batches.
+returns, and every episode. Of more than 10,000 episodes it shows a sample, and quantiles of all, so
+that it stays below five megabytes. There is no film, as the episodes were played in batches.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +17,10 @@ from limberjack.see.report.chart import line_chart, steps_of
 from limberjack.utils.facts import Facts, title_of
 
 __all__ = ["write_evaluation_page"]
+
+_MOST = 10_000  # episodes that a page lists, in up to 400 bytes each
+_SAMPLE = 1_000  # episodes that it lists of more
+_QUANTILES = (0, 1, 5, 25, 50, 75, 95, 99, 100)  # percent
 
 _ACROSS = "over the share of episodes with less in percent"
 
@@ -32,21 +37,44 @@ def write_evaluation_page(path: Path, result: Facts, command: str = "") -> None:
       OSError: it cannot be written.
     """
     name = title_of(result)
-    policy = result["policy"]
+    policy, whole = result["policy"], len(result["episodes"])
+    heading, shown = f"Episodes of {policy}", result
+    if whole > _MOST:
+        heading, shown = f"{heading}: {_SAMPLE:,} of {whole:,}", _sampled(result)
     body = [
         parts.header(name, _subtitle(result)),
         parts.figures(_figures(result["summary"][policy], result)),
         parts.section("Policies on the same seeds", _summaries(result["summary"])),
         f'<p class="quiet">{_explained(result)}</p>\n',
         parts.section("Returns", parts.cards(_charts(result))),
+        *([parts.section("Quantiles of returns", _quantiles(result))] if whole > _MOST else []),
         parts.cards(
             [
-                parts.section(f"Episodes of {policy}", _episodes(result["episodes"])),
-                parts.section("To run it again", parts.facts_of(result, command, _facts(result))),
+                parts.section(heading, _episodes(shown["episodes"])),
+                parts.section("To run it again", parts.facts_of(result, command, _facts(shown))),
             ]
         ),
     ]
-    parts.write_document(path, f"{name}, policy {policy}, evaluation", "\n".join(body), result)
+    parts.write_document(path, f"{name}, policy {policy}, evaluation", "\n".join(body), shown)
+
+
+def _sampled(result: Facts) -> Facts:
+    """A result with some episodes, equally far from each other in the order of the seeds."""
+    episodes, seeds = result["episodes"], result["seeds"]
+    chosen = np.linspace(0, len(episodes) - 1, _SAMPLE).astype(int).tolist()
+    if not isinstance(seeds, str):
+        seeds = f"{len(seeds):,} seeds from {min(seeds)} to {max(seeds)}, as in result.json"
+    sample = [episodes[number] for number in chosen]
+    return {**result, "seeds": seeds, "episodes": sample, "floors": {}}
+
+
+def _quantiles(result: Facts) -> str:
+    """A row of quantiles for each policy, and for each kind of start of the evaluated one."""
+    rows = [
+        [name, *(f"{value:.3f}" for value in np.percentile(returns, _QUANTILES))]
+        for name, returns in {**_returns(result), **_returns_by_start(result)}.items()
+    ]
+    return parts.table("Quantiles", ["Policy<", *(f"{one} %" for one in _QUANTILES)], rows)
 
 
 def _subtitle(result: Facts) -> str:
@@ -107,14 +135,24 @@ def _explained(result: Facts) -> str:
 
 def _charts(result: Facts) -> Iterator[str]:
     """The returns of each policy, and those of the evaluated one by kind of start."""
-    returns = {result["policy"]: [entry["return"] for entry in result["episodes"]]}
-    returns |= {name: floor["returns"] for name, floor in result["floors"].items()}
-    yield _distribution(f"Returns by policy, {_ACROSS}", returns)
-    by_start: dict[str, list[float]] = {}
-    for entry in sorted(result["episodes"], key=lambda entry: entry.get("start", "")):
-        by_start.setdefault(entry.get("start", ""), []).append(entry["return"])
-    if len(by_start) > 1:
+    yield _distribution(f"Returns by policy, {_ACROSS}", _returns(result))
+    by_start = _returns_by_start(result)
+    if by_start:
         yield _distribution(f"Returns of {result['policy']} by start, {_ACROSS}", by_start)
+
+
+def _returns(result: Facts) -> dict[str, list[float]]:
+    """The returns of each policy."""
+    own = {result["policy"]: [entry["return"] for entry in result["episodes"]]}
+    return own | {name: floor["returns"] for name, floor in result["floors"].items()}
+
+
+def _returns_by_start(result: Facts) -> dict[str, list[float]]:
+    """The returns of the evaluated policy by kind of start; empty unless there are several."""
+    found: dict[str, list[float]] = {}
+    for entry in sorted(result["episodes"], key=lambda entry: entry.get("start", "")):
+        found.setdefault(entry.get("start", ""), []).append(entry["return"])
+    return found if len(found) > 1 else {}
 
 
 def _distribution(title: str, returns: Mapping[str, Sequence[float]]) -> str:
