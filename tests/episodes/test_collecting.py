@@ -1,10 +1,12 @@
 """Collecting: the same bytes however often it is interrupted and whoever plays."""
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import errno
 import json
 import os
+import random
 import shutil
 import signal
 import socket
@@ -29,7 +31,7 @@ from limberjack.utils import files
 from limberjack.workers import WorkError
 from limberjack.workers.setup import setup_of
 from tests.policies import saved_models
-from tests.workers.killing import kill_workers_of
+from tests.workers.killing import kill_workers_of, wait_for
 
 from .collected import ARM, PENDULUM, assert_equal, hashes, made, of_64, recipe_for, whole_hashes
 
@@ -390,6 +392,56 @@ def test_a_collection_that_was_killed_continues_to_equal_bytes(files: int, tmp_p
     assert whole_hashes(tmp_path / "killed") == whole_hashes(tmp_path / "whole")
     calls = json.loads((tmp_path / "killed" / "run.json").read_text())["calls"]
     assert [call["ended"] is None for call in calls] == [True, True, False]
+
+
+# The same with two workers, which write the parts of 10 files and join them.
+_OF_WORKERS = """
+import sys
+from pathlib import Path
+from limberjack.data import collect
+if __name__ == "__main__":
+    out, file_mb = Path(sys.argv[1]), float(sys.argv[2])
+    collect("pendulum", "swingup", "tests.workers.playing:Deadly", range(1280), out=out,
+            time_limit=0.2, workers=2, file_mb=file_mb)
+"""
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(30, marks=pytest.mark.slow)])
+def test_bytes_are_equal_after_the_process_that_plans_was_killed_at_random_moments(
+    kills: int, tmp_path: Path
+) -> None:
+    file_mb = of_64(PENDULUM) * 128 / 64
+    seeds, policy = range(1280), "tests.workers.playing:Deadly"
+    _collect(tmp_path / "one", seeds, policy, file_mb=file_mb)
+    root, out = str(Path(__file__).parents[2]), tmp_path / "killed"
+    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+    command = [sys.executable, "-c", _OF_WORKERS, str(out), str(file_mb)]
+    # With a pause in each of the 10 steps of a unit, all 20 units take 3 seconds at least.
+    environment = {**os.environ, "PYTHONPATH": path, "SLOW": "0.03"}
+    chance, killed = random.Random(kills), 0
+    while killed < kills:
+        began = len(_calls_of(out))
+        process = subprocess.Popen(command, env=environment)
+        wait_for(lambda: len(_calls_of(out)) > began or process.poll() is not None)  # noqa: B023
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(chance.uniform(0.0, 4.0))
+        if process.poll() is not None:  # it has finished: the next one begins again
+            assert process.returncode == 0
+            assert whole_hashes(out) == whole_hashes(tmp_path / "one")
+            shutil.rmtree(out)
+            continue
+        process.kill()
+        process.wait()
+        killed += 1
+    _collect(out, seeds, policy, file_mb=file_mb, workers=2)
+    assert whole_hashes(out) == whole_hashes(tmp_path / "one")
+
+
+def _calls_of(out: Path) -> list[object]:
+    """The calls that were logged in a folder."""
+    return (
+        json.loads((out / "run.json").read_text())["calls"] if (out / "run.json").exists() else []
+    )
 
 
 def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, whole: dict[str, str]) -> None:
