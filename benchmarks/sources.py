@@ -45,6 +45,7 @@ _PARTS = {
     "scaling.json": ("episodes", "evaluation", "policies", "workers", *_SIMULATED),
     "steps_per_second.json": ("gym", *_SIMULATED),
     "suite_speed.json": _SIMULATED,
+    "writing.json": ("episodes", "workers"),
 }
 
 

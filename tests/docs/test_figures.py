@@ -278,6 +278,18 @@ def test_the_speed_of_collecting_is_the_one_that_was_measured() -> None:
         assert sentence in text
 
 
+def test_the_costs_of_writing_are_those_that_were_measured() -> None:
+    unit, counting, resuming, footer = _results("writing.json")
+    text = _text(_DOCS / "datasets.md")
+    for words in (
+        f"a unit sent up to {unit:.2f} kB",
+        f"it took {counting:.1f} s to count them",
+        f"and {resuming:.1f} s to find them",
+        f"the footer is {footer:.1f} %",
+    ):
+        assert words in text
+
+
 def test_the_time_of_path_searches_is_the_one_that_was_measured() -> None:
     median, most, worst = _results("path_searches.json")
     told = f"up to {median:.1f} ms, 99 % up to {most:.0f} ms, and the longest {worst:.0f} ms"
