@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 from unittest import mock
 
 import pyarrow.parquet as pq
@@ -54,11 +55,11 @@ def _messages(effort: Effort) -> Row:
     sizes: list[int] = []
     write, read = process.write_message, process.read_message
 
-    def writing(stream: object, parts: list[bytes]) -> None:
+    def writing(stream: BinaryIO, parts: list[bytes]) -> None:
         sizes.append(sum(map(len, parts)))
         write(stream, parts)
 
-    def reading(stream: object) -> bytes:
+    def reading(stream: BinaryIO) -> bytes:
         message = read(stream)
         sizes[-1] += len(message)
         return message
