@@ -158,14 +158,11 @@ def _collect(
             any_processor=any_processor,
             vectorised=vectorised,
             world=world,
-            on_progress=progress.show,
-            on_state=progress.show_state,
-            command=command_line(),
+            progress=progress,
         )
     if part is not None:
         typer.echo(f"shard {shard} is complete in {out}")
-        return
-    for folder in folders:
+    for folder in [] if part else folders:
         _finish(folder, format)
 
 
@@ -196,12 +193,14 @@ def _play(
     policy: str,
     seeds: Sequence[int],
     keep: tuple[bool, bool, bool],
+    progress: Units,
     **kwargs: Any,  # of `collect`
 ) -> list[str]:
     """Collects the dataset of a task, or of each task of a set; returns their folders."""
     from limberjack import data
 
-    kwargs["kept"] = data.Kept(*keep)
+    kwargs |= {"kept": data.Kept(*keep), "command": command_line()}
+    kwargs |= {"on_progress": progress.show, "on_state": progress.show_state}
     if task_set is not None:
         return [*map(str, data.collect_set(task_set, policy, seeds, **kwargs).values())]
     assert where is not None
