@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from limberjack.data import Dataset, Kept, collect, load
+from limberjack.episodes.parquet import encode
 from limberjack.episodes.repairing import set_aside
 from limberjack.utils.files import Hold
 
@@ -39,9 +40,17 @@ def _moved(folder: Path) -> list[str]:
     return names
 
 
-@pytest.mark.parametrize("damage", ["a page", "a footer", "empty", "another file", "a name"])
+@pytest.mark.parametrize(
+    ("damage", "is_listed"),
+    [("a page", False), ("a footer", True), ("empty", True), ("bytes", True), ("a name", False)],
+)
 def test_a_damaged_file_is_moved_aside_and_made_again(
-    damage: str, folder: Path, pendulums: Dataset, caplog: pytest.LogCaptureFixture
+    damage: str,
+    is_listed: bool,  # otherwise there is no manifest, with whose SHA-256 it could be compared
+    folder: Path,
+    pendulums: Dataset,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path = folder / "episodes" / _FIRST
     content = path.read_bytes()
@@ -49,10 +58,12 @@ def test_a_damaged_file_is_moved_aside_and_made_again(
         "a page": damaged_content(content),
         "a footer": content[:-1],
         "empty": b"",
-        "another file": content.replace(b"limberjack_lengths", b"limberjack_lengthz"),
+        "bytes": _otherwise(pendulums, monkeypatch),
         "a name": (folder / "episodes" / _SECOND).read_bytes(),
     }[damage]
     path.write_bytes(changed)
+    if not is_listed:
+        (folder / "dataset.json").unlink()
     with caplog.at_level(logging.WARNING, "limberjack"):
         _repair(folder)
     there = folder / "damaged" / _FIRST
@@ -61,6 +72,13 @@ def test_a_damaged_file_is_moved_aside_and_made_again(
     assert _moved(folder) == [_FIRST]
     assert whole_hashes(folder) == whole_hashes(folder_of(pendulums))
     load(folder).verify()
+
+
+def _otherwise(pendulums: Dataset, monkeypatch: pytest.MonkeyPatch) -> bytes:
+    """A whole file with the episodes of the first one, which is written in another way."""
+    with monkeypatch.context() as patch:
+        patch.setattr("limberjack.episodes.parquet.GROUP_NBYTES", 1)
+        return encode(pendulums.recipe, [*pendulums.episodes_of(0)])
 
 
 def test_without_damage_a_repair_changes_nothing(folder: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 from limberjack.episodes.manifest import File
 from limberjack.episodes.parquet import encode
 from limberjack.episodes.places import filling
+from limberjack.episodes.player import play_unit
 from limberjack.episodes.writing import (
     FILE,
     LIST,
@@ -71,6 +72,7 @@ def _left(folder: Path) -> list[str]:
         ([range(k, k + 1) for k in range(10_000)], ((0, 10_000, 1),)),
         ([range(64, 128), range(64), range(128, 140)], ((0, 128, 64), (128, 140, 12))),
         ([range(60, 62), range(60, 70), range(64, 66)], ((60, 70, 10),)),
+        ([range(60, 70), range(62, 70)], ((60, 70, 10),)),
         ([range(60, 63), range(61, 62), range(62, 70)], ((60, 63, 3), (62, 70, 8))),
     ],
 )
@@ -107,6 +109,16 @@ def test_a_worker_writes_a_file_or_a_part_and_answers_with_the_entry_of_a_file(
     path.unlink()
     assert ordered(writing, FILE) == expected
     assert path.read_bytes() == _CONTENT
+
+
+def test_a_file_has_the_order_of_the_seeds_in_whichever_order_episodes_end(
+    ordered: _Ordered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "limberjack.episodes.writing.play_unit", lambda *given: [*reversed(play_unit(*given))]
+    )
+    ordered(_writing(tmp_path), PART)
+    assert (tmp_path / "parts" / f"{_NAME}.part").read_bytes() == _CONTENT
 
 
 def test_a_part_that_has_episodes_of_another_file_stays(tmp_path: Path) -> None:

@@ -326,7 +326,7 @@ def _write(
     ) as writer:
         for group in _groups(recipe, episodes):
             table = pa.concat_tables([_table(recipe, episode) for episode in group])
-            # As one chunk: the bytes must not depend on how many there are.
+            # As one chunk, so that kinds of starts share a dictionary.
             writer.write_table(table.combine_chunks(), row_group_size=table.num_rows)
             for episode in group:
                 figures.add(episode)
