@@ -25,6 +25,8 @@ class _Client(socketserver.StreamRequestHandler):
     def handle(self) -> None:
         """Answers commands until the client leaves."""
         assert isinstance(self.server, _Server)
+        # The end of the command ABOR comes out of band.
+        self.request.setsockopt(socket.SOL_SOCKET, socket.SO_OOBINLINE, 1)
         self._root = self.server.root
         self._offset, self._from, self._data = 0, Path(), socket.socket()
         self._say("220 ready")

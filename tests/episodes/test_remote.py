@@ -56,6 +56,17 @@ def test_a_dataset_on_a_web_server_is_read(handler: type[Whole], pendulums: Data
         _assert_read(url, pendulums)
 
 
+def test_files_that_are_larger_than_a_footer_are_read_from_a_server_without_parts(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("aiohttp", reason="needs aiohttp")
+    collect(*PENDULUM[:2], "random", range(16), out=tmp_path, time_limit=4.0, num_threads=1)
+    expected = load(tmp_path)
+    assert inform(expected).nbytes > 2**16  # the most that pyarrow reads for a footer at first
+    with serving(tmp_path, Whole) as url:
+        _assert_read(url, expected)
+
+
 def test_a_page_of_links_is_no_list_of_what_lies_elsewhere(
     pendulums: Dataset, tmp_path: Path
 ) -> None:
