@@ -881,8 +881,59 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        if state.shape != shape:", "        if state.size != np.prod(shape):"),
     ],
     "mujoco/wrapper/textures.py": [
-        ("    sizes[is_textures] = 0\n", ""),
-        ("return light if _is_like(light, model) else model", "return light"),
+        ("    sizes[is_textures] = len(pixels)\n", ""),
+        ("return made if _is_like(made, model) else None", "return made"),
+        ("        start += part.size\n", "        start += part.size - 1\n"),
+    ],
+    "mujoco/dressing.py": [
+        ("_stages[data] = _Stage(model, textures)", "_stages[data] = _Stage(model, {})"),
+        ("_stages.get(data)", "next(iter(_stages.values()), None)"),
+        ("(geom.rgba == model.mat_rgba[number]).all()", "True"),
+        ("    stage.follow(model)\n", ""),
+        ("centre = np.zeros(3) if is_fixed else", "centre = np.zeros(3) if number < 0 else"),
+        ("return sphere_of(model.cam_poscom0[number])", "return sphere_of(pose.position)"),
+        ('{**flags, "skybox": True}', '{"skybox": True, **flags}'),
+        (' or options.place == "picture":\n        return None', ":\n        return None"),
+    ],
+    "worlds/appearance/looks.py": [
+        ("        if stream is not self._streams[row]:\n", "        if self._episodes[row] < 0:\n"),
+        (
+            "        self._episodes[row] += 1\n        self._looks[row] = None\n",
+            "        self._episodes[row] += 1\n",
+        ),
+        ("        self._seed = [*seed, episode]\n", "        self._seed = [*seed]\n"),
+        (
+            " or walk.changes > changes:\n            how = level(self.options.colors)",
+            ":\n            how = level(self.options.colors)",
+        ),
+        ("return steps // self.options.interval", "return steps"),
+        ("stream if self._episodes[row] >= 0 else None", "None"),
+    ],
+    "worlds/appearance/viewpoint.py": [
+        (
+            "        most = _MOST_SPEED * self._speed * self._unit\n",
+            "        most = _MOST_SPEED * self._speed\n",
+        ),
+        ("(1 + _FARTHER * scale)", "(1 + _NEARER * scale)"),
+        ("        if start.is_above:\n            low", "        if True:\n            low"),
+        ("return about_second @ about_first", "return about_first @ about_second"),
+        ("self.changes = -1  #", "self.changes = 0  #"),
+    ],
+    "worlds/appearance/colors.py": [
+        ("moved = self._colors +", "moved = self.original +"),
+        ("_channels(new)", "_channels(first)"),
+    ],
+    "worlds/appearance/backdrop.py": [
+        ("(place + changes) % len(order)", "(place + changes) % length"),
+        ("& (saturation >= _LOWEST[1])", ""),
+    ],
+    "worlds/appearance/media.py": [
+        (
+            "return [int(part) if number % 2 else part for number, part in enumerate(parts)]",
+            "return list(parts)",
+        ),
+        ("            self._frames.move_to_end(file)\n", ""),
+        ("(np.arange(wanted) + 0.5)", "np.arange(wanted)"),
     ],
     "mujoco/wrapper/sharing.py": [
         ("    _last_used.pop(source, None)\n", ""),

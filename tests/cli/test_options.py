@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.models import OptionInfo
 
@@ -22,6 +23,7 @@ from limberjack.cli.options import (
     world_named,
 )
 from limberjack.mujoco.camera import RenderingError
+from limberjack.utils import png
 from limberjack.utils.seeds import SEEDS
 from tests.cli.conftest import call, invoke
 
@@ -483,3 +485,76 @@ def test_faults_are_evaluated_and_collected_and_replayed_as_part_of_the_identity
     assert dataset.recipe.facts["world"]["faults"]["delay"]["rewards"] == 2
     assert data.replay(dataset, num_threads=1) is None
     assert invoke("collect", *task, *kept).exit_code == 2
+
+
+def test_an_appearance_is_a_preset_a_mapping_or_a_file(tmp_path: Path) -> None:
+    assert world_named(appearance="color_hard") == {"appearance": "color_hard"}
+    expected = {"appearance": {"colors": "hard"}}
+    assert world_named(appearance='{"colors": "hard"}') == expected
+    (tmp_path / "a.toml").write_text('colors = "hard"', encoding="utf-8")
+    assert world_named(appearance=str(tmp_path / "a.toml")) == expected
+    both = world_named(faults="easy", appearance="color_hard")
+    assert both == {"faults": "easy", "appearance": "color_hard"}
+
+
+@pytest.mark.parametrize(
+    ("command", "appearance", "message"),
+    [
+        ("run", "color_hrad", "no preset 'color_hrad'. Did you mean 'color_hard'"),
+        ("collect", "distracting_cs:0.7", "no intensity '0.7'; expected one of 0.025"),
+        ("evaluate", '{"color": 1}', "no option 'color'. Did you mean 'colors'"),
+        (
+            "run",
+            '{"background": "images:EMPTY"}',
+            "EMPTY, which has no picture",
+        ),
+        (
+            "evaluate",
+            '{"background": "video:EMPTY/x.mp4"}',
+            "EMPTY/x.mp4 cannot be read: ",
+        ),
+    ],
+)
+def test_an_appearance_that_cannot_be_shown_is_one_line_and_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, appearance: str, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "EMPTY").mkdir()
+    (tmp_path / "EMPTY" / "x.mp4").write_text("no video", encoding="utf-8")
+    result = invoke(command, "reacher", "easy", "--out", "new", "--appearance", appearance)
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["EMPTY"]
+
+
+def test_an_appearance_is_part_of_the_identity_of_results_and_of_the_recipe_of_a_dataset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "somewhere" / "photos"
+    folder.mkdir(parents=True)
+    (folder / "one.png").write_bytes(png.encode(np.full((4, 4, 3), 9, np.uint8)))
+    task = ("reacher", "easy", "--time-limit", "0.1", "--seeds", "0:2")
+    scores = ("--out", str(tmp_path / "scores"), "--threads", "1")
+    assert invoke("evaluate", *task, *scores, "--appearance", "color_hard").exit_code == 0
+    found = json.loads((tmp_path / "scores" / "result.json").read_text())
+    assert found["world"] == {"appearance": {"palette": 0.2}}
+    other = invoke("evaluate", *task, *scores, "--appearance", "color_easy")
+    assert other.exit_code == 2
+    assert "world" in other.stderr
+    kept = ("--out", str(tmp_path / "data"), "--policy", "random", "--states", "--threads", "1")
+    shown = ("--appearance", json.dumps({"background": f"images:{folder}"}))
+    assert invoke("collect", *task, *kept, *shown).exit_code == 0
+    dataset = data.load(tmp_path / "data")
+    recipe = dataset.recipe.facts["world"]["appearance"]
+    assert recipe["background"] == "images:photos"
+    assert len(recipe["files"]) == 64
+    assert str(tmp_path) not in dataset.recipe.text(range(2))
+    with pytest.raises(ValueError, match="images:photos, which does not exist"):
+        data.replay(dataset, num_threads=1)
+    monkeypatch.chdir(folder.parent)
+    assert data.replay(dataset, num_threads=1) is None
+    (folder / "one.png").write_bytes(png.encode(np.full((4, 4, 3), 8, np.uint8)))
+    with pytest.raises(ValueError, match="has other files than those"):
+        data.replay(dataset, num_threads=1)

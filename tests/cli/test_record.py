@@ -277,7 +277,7 @@ def test_without_ffmpeg_the_error_says_what_to_install(
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     done = _invoke(*_WALK, *_SIZE, "--out", tmp_path / "film.gif")
     assert done.exit_code == 1
-    assert "needs the extra 'video': pip install imageio-ffmpeg matplotlib" in done.stderr
+    assert "needs the extra 'video': pip install imageio-ffmpeg matplotlib pillow" in done.stderr
 
 
 _POLICY = """
@@ -362,7 +362,7 @@ def test_an_episode_of_a_dataset_is_filmed(tmp_path: Path) -> None:
         ),
         (
             ["pendulum", "--from", "data"],
-            "leave out DOMAIN TASK, --policy, --action-repeat, --seconds and --rows",
+            "leave out DOMAIN TASK, --policy, --action-repeat, --faults, --appearance, ",
         ),
         (["--from", "data", "--action-repeat", "1"], "leave out DOMAIN TASK"),
         (["--from", "data", "--rows", "2"], "leave out DOMAIN TASK"),

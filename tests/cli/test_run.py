@@ -460,7 +460,7 @@ def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_pat
         (
             ["imageio_ffmpeg", "matplotlib"],
             "limberjack: no video.mp4 and no return.png: needs the extra 'video': "
-            "pip install imageio-ffmpeg matplotlib\n",
+            "pip install imageio-ffmpeg matplotlib pillow\n",
             {"report.html", "result.json"} | _STEPS_KEPT,
         ),
         (

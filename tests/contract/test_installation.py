@@ -193,14 +193,14 @@ def test_an_extra_that_is_not_installed_is_an_error_with_its_packages(
     installed: _Environment,
 ) -> None:
     program = """
-    from limberjack.see import video
+    from limberjack.utils.ffmpeg import find_ffmpeg
     try:
-        video.find_ffmpeg()
+        find_ffmpeg()
     except ImportError as error:
         print(error)
     """
     assert installed.run("-c", textwrap.dedent(program)).endswith(
-        "pip install imageio-ffmpeg matplotlib"
+        "pip install imageio-ffmpeg matplotlib pillow"
     )
 
 

@@ -71,12 +71,13 @@ _EVERYWHERE = {"dm_env", "mujoco", "numpy"}
 # Everything else that is installed is imported by one module, or one package, only.
 _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "dm_control": "limberjack.doctor.probes",
+    "PIL": "limberjack.worlds.appearance.media",
     "flax": "limberjack.training.learner",
     "fsspec": "limberjack.episodes.remote",
     "gymnasium": ("limberjack.gym", "limberjack.gpu.vector"),  # each has a class of its own for it
     "glfw": "limberjack.mujoco.rendering.backends",
     "jax": "limberjack.training.learner",
-    "imageio_ffmpeg": "limberjack.see.video",
+    "imageio_ffmpeg": "limberjack.utils.ffmpeg",
     "matplotlib": "limberjack.see.report.curve",
     "minari": "limberjack.episodes.to_minari",
     "google": "limberjack.policies.onnx_models",  # protobuf, in which models are written

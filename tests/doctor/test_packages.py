@@ -18,12 +18,12 @@ Programs that need MuJoCo 3, as dm_control does, belong into another virtual env
 def test_extras_name_the_packages_that_are_missing_and_the_command(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    installed = {"matplotlib": "3.9", "ipykernel": "6.29", "ray": "2.60"}
+    installed = {"matplotlib": "3.9", "pillow": "13.0", "ipykernel": "6.29", "ray": "2.60"}
     monkeypatch.setattr(packages, "version", installed.get)
     found = {extra.name: extra for extra in packages.extras()}
     assert found.keys() == requirements.PACKAGES.keys()
     assert found["video"].missing == ("imageio-ffmpeg",)
-    assert found["video"].command == "pip install imageio-ffmpeg matplotlib"
+    assert found["video"].command == "pip install imageio-ffmpeg matplotlib pillow"
     assert found["notebook"].missing == ("imageio-ffmpeg",)
     assert found["rllib"].missing == ("torch",)
     assert not found["rllib"].is_installed

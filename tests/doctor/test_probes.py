@@ -48,12 +48,10 @@ def test_numbers_that_are_not_finite_are_reported_with_the_step(
 def test_the_version_of_an_unusual_ffmpeg_is_unknown(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from limberjack.see import video
-
     program = tmp_path / "ffmpeg"
     program.write_text("#!/bin/sh\necho libav 12", encoding="utf-8")
     program.chmod(0o755)
-    monkeypatch.setattr(video, "find_ffmpeg", lambda: str(program))
+    monkeypatch.setattr(probes, "find_ffmpeg", lambda: str(program))
     assert probes.ffmpeg() == "of an unknown version"
     program.write_text("#!/bin/sh\necho ffmpeg version 9.1 built", encoding="utf-8")
     assert probes.ffmpeg() == "9.1"

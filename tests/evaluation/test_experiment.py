@@ -316,7 +316,7 @@ def test_without_matplotlib_everything_but_the_picture_is_written(
     evaluation = _evaluate(out=tmp_path)
     assert evaluation.files == (tmp_path / "result.json", tmp_path / "report.html")
     assert evaluation.left_out == (
-        "no returns.png: needs the extra 'video': pip install imageio-ffmpeg matplotlib"
+        "no returns.png: needs the extra 'video': pip install imageio-ffmpeg matplotlib pillow"
     )
     assert not (tmp_path / "returns.png").exists()
 

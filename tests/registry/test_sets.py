@@ -29,6 +29,15 @@ def test_the_thirty_tasks_of_tdmpc2_are_19_of_the_suite_and_11_of_its_domains() 
     assert {domain for domain, _ in tasks[19:]} <= set(suite.TASKS_BY_DOMAIN)
 
 
+def test_the_six_tasks_of_dmcgb2_are_of_the_suites_benchmark() -> None:
+    tasks = sets.tasks_of("dmcgb2")
+    assert len(tasks) == 6
+    assert set(tasks) <= set(suite.BENCHMARKING)
+    assert {domain for domain, _ in tasks} == {
+        *("walker", "cheetah", "finger", "cartpole", "ball_in_cup")
+    }
+
+
 def test_the_sets_of_papers_have_their_sizes_and_the_order_of_the_suite() -> None:
     assert [len(sets.tasks_of(name)) for name in _PAPERS] == [28, 7, 8]
     for name in _PAPERS:

@@ -98,7 +98,7 @@ def test_arrays_that_are_not_pictures_are_refused(frames: Any, fps: float, messa
 
 def test_a_film_without_ffmpeg_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib"):
+    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib pillow"):
         limberjack.show([_PICTURE] * 2)
 
 

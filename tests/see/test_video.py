@@ -146,7 +146,7 @@ def test_odd_sizes_are_refused(tmp_path: Path) -> None:
 
 def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib"):
+    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib pillow"):
         Film(tmp_path / "video.mp4", 0.02)
 
 

@@ -54,7 +54,7 @@ def test_mujocos_versions_are_those_of_the_project() -> None:
 @pytest.mark.parametrize(
     ("extra", "command"),
     [
-        ("video", "pip install imageio-ffmpeg matplotlib"),
+        ("video", "pip install imageio-ffmpeg matplotlib pillow"),
         ("rllib", "pip install 'ray[rllib]' torch"),
     ],
 )

@@ -13,6 +13,7 @@ from limberjack.cli.datasets import print_information, reading_reported
 from limberjack.cli.options import (
     ActionRepeat,
     AnyProcessor,
+    Appearance,
     EnvironmentName,
     Episodes,
     Faults,
@@ -119,6 +120,7 @@ def _collect(
     any_processor: AnyProcessor = False,
     vectorised: Vectorised = None,
     faults: Faults = None,
+    appearance: Appearance = None,
 ) -> None:
     """Collect the episodes of a policy into Parquet files, in the folder episodes of DIR.
 
@@ -131,7 +133,7 @@ def _collect(
             _check_alone(domain, env)
         where = None if task_set else named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
-        part, world = shard_named(shard, out), world_named(env, faults)
+        part, world = shard_named(shard, out), world_named(env, faults, appearance)
     search_working_directory(policy)
     _check_extras(format, out)
     with (

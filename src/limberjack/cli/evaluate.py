@@ -9,6 +9,7 @@ from limberjack.cli.app import command
 from limberjack.cli.options import (
     ActionRepeat,
     AnyProcessor,
+    Appearance,
     EnvironmentName,
     Episodes,
     Faults,
@@ -46,6 +47,7 @@ from limberjack.cli.progress import Units, show_units
 if TYPE_CHECKING:
     from limberjack.evaluation import Evaluation
     from limberjack.evaluation.protocol import SetEvaluation
+    from limberjack.worlds import World
 
 __all__: list[str] = []
 
@@ -88,6 +90,7 @@ def _evaluate(
     any_processor: AnyProcessor = False,
     vectorised: Vectorised = None,
     faults: Faults = None,
+    appearance: Appearance = None,
 ) -> None:
     """Measure the returns of a policy: mean with its interval, median and success rate.
 
@@ -101,15 +104,15 @@ def _evaluate(
     names = policy or ["zero"]
     if task_set is not None:
         with misuse_reported():
-            beside = (domain, env, seeds, episodes, time_limit, action_repeat, shard)
-            _check_fixed(*beside, vectorised, faults)
-        _evaluate_set(task_set, names, out, threads, workers, ray, any_processor)
+            _check_fixed(domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
+            world = world_named(None, faults, appearance)
+        _evaluate_set(task_set, names, out, threads, workers, ray, any_processor, world)
         return
     with misuse_reported():
         where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, name = shard_named(shard, out), _only(names)
-        world = world_named(env, faults)
+        world = world_named(env, faults, appearance)
     search_working_directory(name)
     with (
         remarks_reported(),
@@ -150,7 +153,6 @@ _FIXED = (
     "--action-repeat",
     "--shard",
     "--vectorised",
-    "--faults",
 )
 
 
@@ -176,6 +178,7 @@ def _evaluate_set(
     workers: int | None,
     ray: str | None,
     any_processor: bool,
+    world: "World | None",
 ) -> None:
     """Measures one or more runs on all tasks of a set, and prints the scores."""
     with (
@@ -199,6 +202,7 @@ def _evaluate_set(
             workers=workers,
             ray=ray,
             any_processor=any_processor,
+            world=world,
             on_progress=progress.show,
             command=command_line(),
         )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ActionRepeat",
     "AnyProcessor",
+    "Appearance",
     "Domain",
     "EnvironmentName",
     "Episodes",
@@ -166,30 +167,48 @@ Faults = Annotated[
         'JSON, such as {"delay": {"actions": 3}}.',
     ),
 ]
+Appearance = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Another look of pictures: a preset such as color_hard or video_hard=video:DIR, a "
+        'file .toml or .json, or a mapping of JSON, such as {"background": "noise"}.',
+    ),
+]
 
 
-def world_named(env: str | None = None, faults: str | None = None) -> "World | None":
+def world_named(
+    env: str | None = None, faults: str | None = None, appearance: str | None = None
+) -> "World | None":
     """The options of the world that the options of a command give; None without any.
 
     Args:
       env: the function of --env, which sets its world itself.
       faults: of --faults.
+      appearance: of --appearance.
 
     Raises:
       ValueError: a name or a value is unknown, a file cannot be read, or there is --env.
     """
-    if faults is None:
+    texts = {"faults": faults, "appearance": appearance}
+    texts = {name: text for name, text in texts.items() if text is not None}
+    if not texts:
         return None
     if env is not None:
-        raise ValueError(f"got --faults and --env {env}, which makes the environment: set it there")
+        names = " and ".join(f"--{name}" for name in texts)
+        raise ValueError(f"got {names} and --env {env}, which makes the environment: set it there")
+    from limberjack.worlds.appearance import Appearance
     from limberjack.worlds.faults import Faults
 
-    given = _name_or_mapping("--faults", faults)
+    world = {name: _name_or_mapping(f"--{name}", text) for name, text in texts.items()}
     try:
-        Faults.of(given)
+        if "faults" in world:
+            Faults.of(world["faults"])
+        if "appearance" in world:
+            Appearance.of(world["appearance"])
     except TypeError as error:
         raise ValueError(str(error)) from None
-    return {"faults": given}
+    return world
 
 
 def _name_or_mapping(option: str, text: str) -> str | dict[str, object]:

@@ -10,6 +10,7 @@ import typer
 from limberjack.cli.app import command
 from limberjack.cli.options import (
     ActionRepeat,
+    Appearance,
     EnvironmentName,
     Faults,
     OptionalDomain,
@@ -78,6 +79,7 @@ def _record(
     seed: Seed = 0,
     action_repeat: ActionRepeat = None,
     faults: Faults = None,
+    appearance: Appearance = None,
     camera: _Camera = None,
     height: _Pixels = 480,
     width: _Pixels = 640,
@@ -99,12 +101,12 @@ def _record(
     search_working_directory(policy)
     with remarks_reported(), _failures_reported(out) as show:
         if dataset is not None:
-            given = (domain, task, seconds, action_repeat, faults)
+            given = (domain, task, seconds, action_repeat, faults, appearance)
             if any(one is not None for one in given) or policy != "zero" or rows > 1:
                 raise ValueError(
                     f"--from {dataset} has the task, the policy and the length of the episode: "
-                    "leave out DOMAIN TASK, --policy, --action-repeat, --faults, --seconds and "
-                    "--rows"
+                    "leave out DOMAIN TASK, --policy, --action-repeat, --faults, --appearance, "
+                    "--seconds and --rows"
                 )
             from limberjack import data
 
@@ -126,7 +128,7 @@ def _record(
                 seconds=seconds,
                 rows=rows,
                 action_repeat=action_repeat,
-                world=world_named(env, faults),
+                world=world_named(env, faults, appearance),
                 on_progress=show,
                 **view,
             )

@@ -12,6 +12,7 @@ import typer
 from limberjack.cli.app import command
 from limberjack.cli.options import (
     ActionRepeat,
+    Appearance,
     EnvironmentName,
     Episodes,
     Faults,
@@ -71,6 +72,7 @@ def _run(
     threads: Threads = None,
     vectorised: Vectorised = None,
     faults: Faults = None,
+    appearance: Appearance = None,
 ) -> None:
     """Run episodes of a task and show their returns.
 
@@ -98,7 +100,7 @@ def _run(
                 action_repeat=action_repeat,
                 scale=scale_of(progress, threads=threads, vectorised=vectorised),
                 replaces=True,
-                world=world_named(env, faults),
+                world=world_named(env, faults, appearance),
                 command=command_line(),
             )
         status = finish(run, progress, out)

@@ -8,6 +8,7 @@ import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import (
+    Appearance,
     EnvironmentName,
     Faults,
     OptionalDomain,
@@ -57,6 +58,7 @@ def _view(
     seed: Seed = 0,
     time_limit: TimeLimit = None,
     faults: Faults = None,
+    appearance: Appearance = None,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Show stage and terms of the plans of --policy planner."),
@@ -91,7 +93,7 @@ def _view(
         from limberjack.workers.factories import factory_of
 
         where = named_environment(domain, task, env, time_limit)
-        factory = factory_of(*where, finite(time_limit), world_named(env, faults))
+        factory = factory_of(*where, finite(time_limit), world_named(env, faults, appearance))
         show = _find_viewer(native, host, port, allow_host or [], factory.title)
         environment = _viewable(factory.make(seed))
         with remarks_reported():

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from limberjack import registry
+from limberjack.utils.ffmpeg import find_ffmpeg
 from limberjack.utils.files import replacing
 from limberjack.utils.requirements import broken_mujoco, is_of_mujoco
 
@@ -191,9 +192,7 @@ def devices() -> list[str | None]:
 
 def ffmpeg() -> str:
     """The version of the ffmpeg that writes films."""
-    from limberjack.see import video
-
-    command = [video.find_ffmpeg(), "-version"]
+    command = [find_ffmpeg(), "-version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     words = done.stdout.split()  # ffmpeg version 7.0.2 Copyright ...
     return words[2] if words[:2] == ["ffmpeg", "version"] else "of an unknown version"

@@ -38,6 +38,7 @@ from limberjack.registry.sets import Tasks, TaskSet
 from limberjack.rl.control import Environment
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
+from limberjack.worlds import World
 
 __all__ = [
     "SUMMARY",
@@ -98,6 +99,7 @@ class SetEvaluation:
     tasks: tuple[TaskScores, ...]  # those that all runs have
     missing: Mapping[_Task, str]  # the other tasks of the set, each with the reason
     versions: Mapping[str, str]  # of the packages
+    world: World | None = None  # options in which the tasks' world differs from the suite's
     files: tuple[Path, ...] = ()  # files that were written
 
     @property
@@ -140,7 +142,8 @@ class SetEvaluation:
             for (domain, task), reason in self.missing.items()
         ]
         facts = {"summary": summary, "tasks": tasks, "missing": missing}
-        return {**_asked_for(self.set, self.runs), **facts, "versions": dict(self.versions)}
+        asked_for = _asked_for(self.set, self.runs, self.world)
+        return {**asked_for, **facts, "versions": dict(self.versions)}
 
 
 def evaluate_set(
@@ -153,6 +156,7 @@ def evaluate_set(
     executor: concurrent.futures.Executor | None = None,
     ray: str | None = None,
     any_processor: bool = False,
+    world: World | None = None,
     on_progress: OnProgress | None = None,
     command: str = "",
 ) -> SetEvaluation:
@@ -170,6 +174,7 @@ def evaluate_set(
       executor: plays the episodes in place of processes made here.
       ray: address of a Ray cluster that plays the episodes.
       any_processor: accept workers and episodes of processors that round differently.
+      world: as for `evaluate`, of all tasks.
       on_progress: called as by `evaluate`, with the number of episodes of all tasks and runs; those
         of tasks that are left out count as finished. `episodes_of` has their number.
       command: the command line as it was typed, for the pages; empty if there was none.
@@ -183,10 +188,10 @@ def evaluate_set(
     names = tuple(map(_name_of, given))
     directory = None if out is None else Path(out).absolute()
     if directory is not None:
-        _check_folder(directory, _asked_for(chosen, names))
+        _check_folder(directory, _asked_for(chosen, names, world))
     plans, missing = _planned(chosen, given)
     if directory is not None and not (directory / SUMMARY).exists():
-        _write(directory / SUMMARY, _asked_for(chosen, names))
+        _write(directory / SUMMARY, _asked_for(chosen, names, world))
     count = _Counting(on_progress, len(missing) * _episodes(given))
     found: dict[_Task, list[Evaluation]] = {task: [] for task in plans}
     for (domain, task), plan in plans.items():
@@ -207,6 +212,7 @@ def evaluate_set(
                     executor=executor,
                     ray=ray,
                     any_processor=any_processor,
+                    world=world,
                     on_progress=count.show,
                     command=command,
                 )
@@ -214,7 +220,7 @@ def evaluate_set(
             count.add(_episodes([run]))
     tasks = tuple(_scores_of(*task, of_runs) for task, of_runs in found.items())
     versions = next(iter(found.values()))[0].facts["versions"]
-    result = SetEvaluation(chosen, names, tasks, missing, versions)
+    result = SetEvaluation(chosen, names, tasks, missing, versions, world)
     return result if directory is None else _written(result, directory)
 
 
@@ -308,9 +314,10 @@ def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> Tas
     )
 
 
-def _asked_for(task_set: TaskSet, runs: Sequence[str]) -> dict[str, object]:
+def _asked_for(task_set: TaskSet, runs: Sequence[str], world: World | None) -> dict[str, object]:
     """The facts that identify the results of a folder."""
     return {
+        **({"world": dict(world)} if world else {}),
         "set": task_set.name,
         "source": task_set.source,
         "protocol": VERSION,

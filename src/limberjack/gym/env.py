@@ -382,6 +382,7 @@ def load(
     randomize: Mapping[str, object] | None = None,
     pixels: Mapping[str, object] | None = None,
     faults: str | Mapping[str, object] | None = None,
+    appearance: str | Mapping[str, object] | None = None,
     **kwargs: Any,  # of `Env`
 ) -> Env:
     """An environment of a task, which counts the steps of its episodes itself.
@@ -396,6 +397,7 @@ def load(
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
       faults: of the real world, such as 'easy'; see `limberjack.worlds.faults`.
+      appearance: of pictures, such as 'color_hard'; see `limberjack.worlds.appearance`.
       kwargs: action_repeat, flat, dtype, render_mode, render_kwargs, width, height, camera_id,
         camera_name: see `Env`.
 
@@ -405,7 +407,6 @@ def load(
     """
     arguments.refuse_unknown(kwargs, Env, load)
     of_task = arguments.task_arguments(task_kwargs, time_limit)
-    of_environment = arguments.environment_arguments(
-        environment_kwargs, randomize=randomize, pixels=pixels, faults=faults
-    )
+    own = {"randomize": randomize, "pixels": pixels, "faults": faults, "appearance": appearance}
+    of_environment = arguments.environment_arguments(environment_kwargs, **own)
     return Env(suite.build_of(domain, task, of_task, of_environment), **kwargs)

@@ -30,6 +30,7 @@ def load_vector(
     randomize: Mapping[str, object] | None = None,
     pixels: Mapping[str, object] | None = None,
     faults: str | Mapping[str, object] | None = None,
+    appearance: str | Mapping[str, object] | None = None,
     num_threads: int | None = None,
     on_divergence: str = "end",
     vectorised: bool | None = None,
@@ -54,6 +55,7 @@ def load_vector(
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
       faults: of the real world, such as 'easy'; see `limberjack.worlds.faults`.
+      appearance: of pictures, such as 'color_hard'; see `limberjack.worlds.appearance`.
       num_threads: threads that step the rows; by default as many of the available cores as the
         work of a step can occupy.
       on_divergence: see `suite.load_batch`.
@@ -71,9 +73,8 @@ def load_vector(
     """
     arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
     of_task = arguments.task_arguments(task_kwargs, time_limit)
-    of_environment = arguments.environment_arguments(
-        environment_kwargs, randomize=randomize, pixels=pixels, faults=faults
-    )
+    own = {"randomize": randomize, "pixels": pixels, "faults": faults, "appearance": appearance}
+    of_environment = arguments.environment_arguments(environment_kwargs, **own)
     how: dict[str, Any] = {  # Any: of `suite.load_batch`
         "num_threads": num_threads,
         "task_kwargs": of_task,

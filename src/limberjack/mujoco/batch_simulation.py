@@ -54,6 +54,7 @@ from limberjack.mujoco.simulation import (
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked, rows_field
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
+from limberjack.worlds.appearance.looks import Look
 
 __all__ = ["BatchSimulation", "check_callbacks"]
 
@@ -100,6 +101,7 @@ class BatchSimulation(CountsWarnings):
         self.num_envs: int | None = num_envs
         self.num_threads = num_threads
         self.sets_constants = False
+        self.look: Look | None = None  # rows have looks of their own: `Replicas.looks`
         self._model = model
         # Called in a forked child, where arrays returned earlier are no longer live.
         self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None

@@ -20,6 +20,7 @@ from typing import NamedTuple, Protocol, TypeVar
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.dressing import behind, dress, flags_for, look_of, staged
 from limberjack.mujoco.pictures import Contents, Overlay, Style, draw, finished
 from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
 from limberjack.mujoco.wrapper import MjData, MjModel, MjvCamera, MjvOption, MjvScene
@@ -495,19 +496,27 @@ def _drawn(
     callback: SceneCallback | None,
 ) -> np.ndarray:
     """A picture of a scene, which is updated first; a callback runs in the caller's thread."""
-    model = physics.model._model
-    if callback:
+    model, look = physics.model._model, look_of(physics)
+    stage, flags = None, style.flags
+    if callback or look:
         assert contents is not None
         mujoco.mjv_updateScene(*contents, scene)
-        callback(physics, scene)
+        if look:
+            dress(look, scene, contents)
+        if callback:
+            callback(physics, scene)
         contents = None
+    data = physics.data._data
+    if look and style.is_rgb:
+        stage, flags = staged(look, model, data), flags_for(look, flags)
     # Height fields, textures and meshes cannot change until user code has obtained them.
     is_new = physics.model._is_lent
-    with scene.override_flags(style.flags):
-        raw = call(
-            model, draw, *(scene, style, *size, contents), size=size, may_have_changed=is_new
-        )
-    return finished(raw, style, model, scene)
+    with scene.override_flags(flags):
+        what = scene, style, *size, contents
+        drawn = stage or model
+        raw = call(drawn, draw, *what, size=size, may_have_changed=is_new or drawn is stage)
+    picture = finished(raw, style, model, scene)
+    return behind(look, picture, data.time) if look and style.is_rgb else picture
 
 
 def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> Contents:

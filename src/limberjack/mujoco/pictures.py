@@ -52,6 +52,11 @@ class Style(NamedTuple):
     segmentation: bool
     flags: Mapping[RenderFlag, bool]
 
+    @property
+    def is_rgb(self) -> bool:
+        """Whether the picture has colours."""
+        return not (self.depth or self.segmentation)
+
     @classmethod
     def of(
         cls,

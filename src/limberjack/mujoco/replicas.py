@@ -28,6 +28,7 @@ from limberjack.mujoco.simulation import STATE, Call, Fields, Rows, read_field
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.rl.contract import PhysicsError, SimulatedPhysics
 from limberjack.utils.arrays import any_of
+from limberjack.worlds.appearance.looks import Looks
 
 __all__ = ["Replicas"]
 
@@ -73,6 +74,7 @@ class Replicas(Generic[_P]):
         simulation = BatchSimulation(model.copy(), num_envs, num_threads, own_fields)
         self.simulation = simulation
         self.num_envs, self.num_threads = num_envs, num_threads
+        self.looks: Looks | None = None  # with which rows are drawn; None for that of the model
         self.physics: _P = physics.seen_through(simulation)
         self.single: _P = type(physics).from_model(model.without_textures())
         for each in (self.physics, self.single):
@@ -178,6 +180,7 @@ class Replicas(Generic[_P]):
         """A single simulation that looks like a row, valid until the next call."""
         self._take_fields(self.textured, row)
         self.textured.simulation.load(self.simulation.seen(row))
+        self.textured.simulation.look = None if self.looks is None else self.looks.of(row)
         return self.textured
 
     def free(self) -> None:

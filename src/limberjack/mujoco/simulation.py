@@ -28,6 +28,7 @@ import numpy as np
 
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.utils.log import log
+from limberjack.worlds.appearance.looks import Look
 
 __all__ = [
     "ACTUATION",
@@ -99,6 +100,8 @@ class Simulation(Fields, Protocol):
 
     # Whether model constants must be recomputed (mj_setConst) after episodes set fields.
     sets_constants: bool
+    # With which a single simulation is drawn; None for the look of the model.
+    look: Look | None
     # The actuators' controls, (..., nu), live.
     ctrl: np.ndarray
     # MuJoCo's warning counts by type, (..., 7), live.

@@ -31,6 +31,7 @@ from limberjack.mujoco.simulation import (
 from limberjack.mujoco.wrapper.core import MjData, MjModel
 from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked
 from limberjack.rl.contract import PhysicsError
+from limberjack.worlds.appearance.looks import Look
 
 __all__ = ["Advance", "SingleSimulation", "advance"]
 
@@ -46,6 +47,7 @@ class SingleSimulation(CountsWarnings):
 
     num_envs: int | None = None
     sets_constants = False
+    look: Look | None = None  # with which pictures are drawn; None for that of the model
 
     def __init__(self, data: MjData) -> None:
         self.data = data

@@ -116,10 +116,26 @@ _MORE_OF_MT30 = (
     ("pendulum", "spin"),
 )
 
+# Those on which the looks of DMC-GB2 are tested.
+_DMCGB2 = (
+    ("walker", "walk"),
+    ("walker", "stand"),
+    ("cheetah", "run"),
+    ("finger", "spin"),
+    ("cartpole", "swingup"),
+    ("ball_in_cup", "catch"),
+)
+
 _OF_THE_SUITE = tuple((row.domain, row.task) for row in TASKS)
 
 _SIMBAV2 = "scale_rl/envs/dmc.py in https://github.com/DAVIAN-Robotics/SimbaV2, commit 86899c2"
 _SETS_OF_PAPERS = (
+    TaskSet(
+        "dmcgb2",
+        _DMCGB2,
+        "the tasks in README.md of https://github.com/aalmuzairee/dmcgb2, commit 5fd8fd7; its "
+        "modes are presets of --appearance",
+    ),
     TaskSet(
         "dmc28",
         tuple(sorted((*_EASY_AND_MEDIUM, *_HARD), key=_OF_THE_SUITE.index)),

@@ -52,6 +52,7 @@ from limberjack.rl.streams import Streams, check_limit
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
+from limberjack.worlds.appearance import Looks
 
 __all__ = ["BatchEnvironment"]
 
@@ -85,9 +86,8 @@ class BatchEnvironment(Batch):
         self._saved_fields, self._world = env._saved_fields(), env.world
         check_episode_fields(env.task)
         check_declared(env.task)
-        guards.check_memory(
-            num_envs, env.physics.simulation.save(None, self._saved_fields).values()
-        )
+        saved = env.physics.simulation.save(None, self._saved_fields)
+        guards.check_memory(num_envs, saved.values())
         repeat = env.action_repeat if action_repeat is None else action_repeat
         super().__init__(num_envs, seed, on_divergence, repeat, stagger)
         proved = is_proved(env.task, env.physics, env._randomizer)
@@ -101,6 +101,7 @@ class BatchEnvironment(Batch):
         self._randomization: dict[str, np.ndarray] = {}
         self._frames = Frames.of(env.pixels, replicas)
         self._faults = None if env._faults is None else env._faults.of_rows(num_envs)
+        self._looks = replicas.looks = Looks.of_rows(env._looks, num_envs)
         self._streams = Streams(self._seeds[0], num_envs)
         self._seeds = self._streams.seeds
         self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
@@ -312,7 +313,7 @@ class BatchEnvironment(Batch):
                 self._counter.steps[rows],
                 self._begins[rows],
                 self._streams.save(rows, with_beside=self._randomizer is not None),
-                {} if self._frames is None else self._frames.save(rows),
+                self._saved_pictures(rows),
                 self.registration,
                 self.name,
                 self._remembered(rows),
@@ -337,6 +338,9 @@ class BatchEnvironment(Batch):
                 self._frames.load(snapshot.frames, rows)
             if self._faults is not None:
                 self._faults.load(snapshot.faults, rows)
+            if self._looks is not None:
+                streams = [self._streams.own[row] for row in rows.tolist()]
+                self._looks.load(snapshot.frames, rows, streams)
             self._counter.steps[rows] = snapshot.step_count
             self._set_limits(rows, snapshot.limits)
             if snapshot.memory:
@@ -407,6 +411,7 @@ class BatchEnvironment(Batch):
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
         self._frames = Frames.of(pixels, self._replicas)
+        self._replicas.looks = self._looks
         diverged, has_observed = self.diverged.copy(), self._has_observed.copy()
         self.restore(snapshot)
         self.diverged, self._has_observed = diverged, has_observed
@@ -500,6 +505,8 @@ class BatchEnvironment(Batch):
             task._random = self._streams.own[row]
             if self._faults is not None:
                 self._faults.begin(row, task._random)
+            if self._looks is not None:
+                self._looks.begin(row, self._streams.own[row])
             if self._randomizer is not None:
                 drawn = self._randomizer.draw(self._streams.beside[row])
                 show_drawn(self._randomization, drawn, row, self.num_envs)
@@ -514,6 +521,11 @@ class BatchEnvironment(Batch):
             for row in rows.tolist():
                 limit = self._stagger.limit_of_next(row, self._counter.step_limit)
                 self._counter.limits[row] = limit
+
+    def _saved_pictures(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Stacks of pictures, and what looks are drawn from, if there are any."""
+        frames = {} if self._frames is None else self._frames.save(rows)
+        return frames if self._looks is None else {**frames, **self._looks.save(rows)}
 
     def _begin_streams(self, rows: Iterable[int]) -> None:
         """Draws from the rows' new streams: the length of a first episode, and model fields."""

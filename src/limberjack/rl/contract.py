@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from limberjack.utils.arrays import Quantity
+from limberjack.worlds.appearance.looks import Look
 
 __all__ = [
     "Drawn",
@@ -85,6 +86,8 @@ class Simulation(Protocol):
 
     # Whether model constants must be recomputed (mj_setConst) after episodes set fields.
     sets_constants: bool
+    # With which a single simulation is drawn; None for the look of the model.
+    look: Look | None
 
     def save(self, rows: np.ndarray | None, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """Everything that the future of rows depends on, by name, (n, ...) each."""

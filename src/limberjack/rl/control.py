@@ -53,6 +53,7 @@ from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.streams import check_not_randomized, set_stream_fields, stream_of
 from limberjack.utils.arrays import Quantity
 from limberjack.worlds import World
+from limberjack.worlds.appearance import Appearance, AppearanceOptions, Looks
 from limberjack.worlds.faults import FaultMemory, Faults
 
 __all__ = [
@@ -90,6 +91,7 @@ class Environment(dm_env.Environment):
     _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
     _faults: FaultMemory | None = None
+    _looks: Looks | None = None  # None for pictures that look as the model
     # The task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
     _first: Mapping[str, object] | None = None
     _action_repeat: int = 1
@@ -111,6 +113,7 @@ class Environment(dm_env.Environment):
         pixels: PixelOptions | Pixels | None = None,
         action_repeat: int = 1,
         faults: str | Mapping[str, object] | Faults | None = None,
+        appearance: AppearanceOptions | str | Appearance | None = None,
     ) -> None:
         """Creates an environment whose first `step` or `reset` begins an episode.
 
@@ -131,12 +134,16 @@ class Environment(dm_env.Environment):
           action_repeat: control steps per action; see `step`.
           faults: of the real world, such as 'easy' or {'delay': {'actions': 3}}; see
             `limberjack.worlds.faults`.
+          appearance: other colours, cameras and backgrounds for all pictures, such as
+            {'background': 'noise', 'colors': 'hard'}, or a preset such as 'color_hard'; see
+            `limberjack.worlds.appearance`.
 
         Raises:
           ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
             is NaN, zero, negative or not a multiple; or there is no such camera; or `randomize`
-            names a field that the task draws itself for each seed; or there are no such faults.
-          TypeError: `pixels` or `faults` have an unknown option.
+            names a field that the task draws itself for each seed; or there are no such faults or
+            no such appearance.
+          TypeError: `pixels`, `faults` or `appearance` have an unknown option.
         """
         if n_sub_steps is not None and control_timestep is not None:
             raise ValueError(
@@ -167,6 +174,7 @@ class Environment(dm_env.Environment):
         self._frames = Frames.of(pixels, self._simulated)
         if faults is not None:
             self._faults = self._with_faults(Faults.of(faults))
+        self._looks = Looks.for_physics(appearance, physics, 1, self.control_timestep())
         self.reward_terms, self.randomization = {}, {}
 
     def _with_faults(self, settings: Faults) -> FaultMemory:
@@ -191,6 +199,9 @@ class Environment(dm_env.Environment):
             self._simulated.simulation.set_fields(self.randomization)
         if self._faults is not None:
             self._faults.begin(0, stream_of(self._task))
+        if self._looks is not None:
+            self._looks.begin(0, stream_of(self._task))
+            self._put_on()
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
             self._keep_own()
@@ -336,9 +347,12 @@ class Environment(dm_env.Environment):
 
         They are values of JSON, and accepted as keywords of an environment again.
         """
-        if self._faults is None:
-            return None
-        return {"faults": self._faults.settings.as_json()}
+        world: dict[str, object] = {}
+        if self._faults is not None:
+            world["faults"] = self._faults.settings.as_json()
+        if self._looks is not None:
+            world["appearance"] = self._looks.as_json()
+        return world or None
 
     def draw_every(self, steps: int) -> None:
         """Takes a picture at a start and at each `steps`-th step; others repeat the last picture.
@@ -433,7 +447,7 @@ class Environment(dm_env.Environment):
                 np.array([self._step_count]),
                 np.array([self._reset_next_step]),
                 [tuple(streams)],
-                {} if self._frames is None else self._frames.save(None),
+                self._saved_pictures(),
                 self.registration,
                 self._name,
                 [memory] if memory else [],
@@ -476,6 +490,9 @@ class Environment(dm_env.Environment):
                 self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
             if self._frames is not None:
                 self._frames.load(snapshot.frames, None)
+            if self._looks is not None:
+                self._looks.load(snapshot.frames, None, [stream_of(self._task)])
+                self._put_on()
             if snapshot.memory:
                 put_back(snapshot.memory[0], self._task, self._physics)
             if self._faults is not None:
@@ -558,6 +575,7 @@ class Environment(dm_env.Environment):
         memo[id(self)] = new
         kept = {name: value for name, value in vars(self).items() if name != "_use"}
         vars(new).update(copy.deepcopy(kept, memo))
+        new._put_on()
         return new
 
     def __getstate__(self) -> dict[str, object]:
@@ -578,10 +596,21 @@ class Environment(dm_env.Environment):
             physics = kind.__new__(kind)
             physics.become(described)
             self._physics = physics
+        self._put_on()
 
     def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
         return origin_of(self._task, self._simulated, self._saved_fields(), pixels, self.world)
+
+    def _put_on(self) -> None:
+        """Shows the look of the present episode in all pictures of the physics."""
+        if self._looks is not None and not self._closed:
+            self._simulated.simulation.look = self._looks.of(0)
+
+    def _saved_pictures(self) -> dict[str, np.ndarray]:
+        """The stack of pictures, and what the look is drawn from, if there are any."""
+        frames = {} if self._frames is None else self._frames.save(None)
+        return frames if self._looks is None else {**frames, **self._looks.save(None)}
 
     @property
     def _simulated(self) -> SimulatedPhysics:

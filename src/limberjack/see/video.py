@@ -8,8 +8,7 @@ A film plays in real time. A frame is drawn after every control step; if steps a
 0.02 s, after every second, third, ... step, so that there are at most 50 frames per second, and in
 a GIF at most 25. `Writer` takes frames that are drawn already; `mosaic` joins pictures into one.
 
-No other file imports imageio_ffmpeg, for the ffmpeg program in its wheel; it is imported as a film
-begins. A long film needs no more memory than a short one.
+The ffmpeg program is found as a film begins. A long film needs no more memory than a short one.
 """
 
 import contextlib
@@ -24,15 +23,14 @@ from typing import Protocol
 
 import numpy as np
 
+from limberjack.utils.ffmpeg import find_ffmpeg
 from limberjack.utils.files import Partial
-from limberjack.utils.requirements import missing_extra
 
 __all__ = [
     "SIZE",
     "Film",
     "Rendered",
     "Writer",
-    "find_ffmpeg",
     "first_camera",
     "frame_stride",
     "mosaic",
@@ -318,17 +316,3 @@ def _ending_of(status: int) -> str:
 def _address(path: Path) -> str:
     """The file's address for ffmpeg, which would read `12:30.mp4` as a protocol."""
     return f"file:{path}"
-
-
-def find_ffmpeg() -> str:
-    """The path of the ffmpeg that films are written with.
-
-    Raises:
-      ImportError: there is none; the message names the packages to install.
-    """
-    try:
-        import imageio_ffmpeg
-
-        return imageio_ffmpeg.get_ffmpeg_exe()
-    except (ImportError, RuntimeError) as error:  # RuntimeError: a wheel without the program
-        raise missing_extra("video") from error

@@ -156,6 +156,7 @@ def load(
     *,
     action_repeat: int | None = None,
     faults: _Option = None,
+    appearance: _Option = None,
 ) -> control.Environment:
     """An environment of the suite.
 
@@ -170,13 +171,15 @@ def load(
         the factory of the task.
       faults: of the real world, such as 'easy' or {'delay': {'actions': 3}}; see
         `limberjack.worlds.faults`.
+      appearance: of pictures, such as 'color_hard' or {'background': 'noise'}; see
+        `limberjack.worlds.appearance`.
 
     Raises:
-      ValueError: there is no such domain or task, or there are no such faults; or actions cannot
-        be repeated in an environment of another class than `control.Environment`.
+      ValueError: there is no such domain or task, or no such faults or appearance; or actions
+        cannot be repeated in an environment of another class than `control.Environment`.
       TypeError: there is no such keyword.
     """
-    of_environment = with_keyword("faults", faults, environment_kwargs, "environment_kwargs")
+    of_environment = _with_world(environment_kwargs, faults=faults, appearance=appearance)
     environment = build_environment(
         domain_name, task_name, task_kwargs, of_environment or None, visualize_reward
     )
@@ -206,6 +209,7 @@ def load_batch(
     action_repeat: int | None = None,
     stagger: bool = False,
     faults: _Option = None,
+    appearance: _Option = None,
 ) -> RowsEnvironment: ...
 
 
@@ -225,6 +229,7 @@ def load_batch(
     action_repeat: int | None = None,
     stagger: bool = False,
     faults: _Option = None,
+    appearance: _Option = None,
 ) -> BatchEnvironment: ...
 
 
@@ -243,6 +248,7 @@ def load_batch(
     action_repeat: int | None = None,
     stagger: bool = False,
     faults: _Option = None,
+    appearance: _Option = None,
 ) -> ManyTasks: ...
 
 
@@ -261,6 +267,7 @@ def load_batch(
     action_repeat: int | None = None,
     stagger: bool = False,
     faults: _Option = None,
+    appearance: _Option = None,
 ) -> Batch:
     """Many environments of the suite, stepped in lockstep; see `limberjack.rl.batch`.
 
@@ -287,13 +294,14 @@ def load_batch(
       stagger: end the first episode of each row after a random number of steps, so that rows do not
         end together; see `limberjack.rl.streams`.
       faults: as for `load`, of each row.
+      appearance: as for `load`, of each row.
 
     Raises:
       ValueError: there is no such domain, task or set, or a number is out of range; or `vectorised`
         is True and the task cannot be vectorised.
       TypeError: there is no such keyword, or `rows` is given for one task.
     """
-    of_environment = with_keyword("faults", faults, environment_kwargs, "environment_kwargs")
+    of_environment = _with_world(environment_kwargs, faults=faults, appearance=appearance)
     how: dict[str, Any] = {  # Any: of `batch_of`
         "num_threads": num_threads,
         "seed": seed,
@@ -321,6 +329,16 @@ def load_batch(
     batch = batch_of(build, num_envs, **how)
     batch.registration = getattr(control_of(build.original), "registration", None)
     return batch
+
+
+def _with_world(
+    environment_kwargs: Mapping[str, object] | None, **options: object
+) -> dict[str, object]:
+    """The keyword arguments of an environment with options of the world that are not None."""
+    kwargs = keywords("environment_kwargs", environment_kwargs)
+    for name, value in options.items():
+        kwargs = with_keyword(name, value, kwargs, "environment_kwargs")
+    return kwargs
 
 
 def load_halves(

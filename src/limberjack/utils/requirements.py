@@ -4,7 +4,7 @@
         import imageio_ffmpeg
     except ImportError as error:
         raise missing_extra("video") from error
-    # ImportError: needs the extra 'video': pip install imageio-ffmpeg matplotlib
+    # ImportError: needs the extra 'video': pip install imageio-ffmpeg matplotlib pillow
 
 Messages name these packages and never `limberjack[...]`: Limberjack is on no package index, where
 that name would lead to another project. pyproject.toml lists the same packages with versions.
@@ -44,7 +44,7 @@ MUJOCO_BROKEN = "MuJoCo cannot be imported"  # beginning of the reason
 MUJOCO_REMEDY = f"run: {MUJOCO_COMMANDS[0]}; then: {MUJOCO_COMMANDS[1]}. {_ELSEWHERE}"
 
 _GPU = ("mujoco-warp", "torch", "warp-lang")
-_FILMS = ("imageio-ffmpeg", "matplotlib")
+_FILMS = ("imageio-ffmpeg", "matplotlib", "pillow")
 PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "video": _FILMS,

@@ -1,6 +1,7 @@
 """Worlds: how the world of an environment differs from the suite's.
 
     suite.load("walker", "walk", faults="easy")
+    suite.load("walker", "walk", appearance={"background": "noise", "colors": "hard"})
     evaluate("walker", "walk", policy, world={"faults": "easy"})
 
 A `World` maps the names of options to their values. Each option is a keyword of
@@ -13,6 +14,6 @@ from collections.abc import Mapping
 
 __all__ = ["OPTIONS", "World"]
 
-OPTIONS = frozenset({"faults"})
+OPTIONS = frozenset({"appearance", "faults"})
 
 World = Mapping[str, object]

@@ -9,7 +9,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.mujoco.wrapper import textures
-from limberjack.mujoco.wrapper.textures import without_textures
+from limberjack.mujoco.wrapper.textures import with_textures, without_textures
 
 _EVERY_TASK = pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 _CUT = {"ntexdata", "nbuffer", "tex_data", "tex_height", "tex_width", "tex_adr"}
@@ -98,7 +98,7 @@ def test_a_model_with_small_textures_is_returned_unchanged(texture: str) -> None
         ("_BEFORE_DATA", ("tex_height", "tex_adr")),
         ("_SIZE", np.dtype("i4")),
         ("_ALIGNMENT", 2**16),
-        ("_is_like", lambda light, model: False),
+        ("_is_like", lambda made, model: False),
     ],
 )
 def test_a_model_with_another_layout_is_returned_unchanged(
@@ -107,3 +107,25 @@ def test_a_model_with_another_layout_is_returned_unchanged(
     model = _model(("humanoid", "stand"))
     monkeypatch.setattr(textures, name, value)
     assert without_textures(model) is model
+
+
+def test_other_textures_take_the_place_of_the_models() -> None:
+    model = _model(("walker", "walk"))
+    sky = np.random.RandomState(0).randint(0, 256, (16, 16, 3)).astype(np.uint8)
+    made = with_textures(model, {0: sky})
+    assert _values(made) == _values(model)
+    assert made.tex_height.tolist() == [16, model.tex_height[1]]
+    assert made.tex_width.tolist() == [16, model.tex_width[1]]
+    np.testing.assert_array_equal(made.tex_data[: sky.size], sky.ravel())
+    floor = model.tex_data[model.tex_adr[1] :]
+    np.testing.assert_array_equal(made.tex_data[made.tex_adr[1] :], floor)
+    assert made.ntexdata == sky.size + floor.size
+    assert mujoco.mj_sizeModel(made) < 0.05 * mujoco.mj_sizeModel(model)
+
+
+def test_a_model_with_another_layout_gets_no_other_textures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(textures, "_SIZE", np.dtype("i4"))
+    with pytest.raises(RuntimeError, match="keeps textures in another place"):
+        with_textures(_model(("walker", "walk")), {0: np.zeros((8, 8, 3), np.uint8)})

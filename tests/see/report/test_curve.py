@@ -68,7 +68,7 @@ def test_a_plot_without_matplotlib_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib"):
+    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib pillow"):
         report.write_return_plot(tmp_path / "return.png", "", _EPISODES, 0.01)
 
 

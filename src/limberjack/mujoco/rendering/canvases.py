@@ -23,7 +23,7 @@ from limberjack.mujoco.allocating import allocating
 from limberjack.mujoco.rendering import uploads
 from limberjack.mujoco.rendering.backends import Backend, RenderingError, open_backend
 
-__all__ = ["Canvases"]
+__all__ = ["Canvases", "share_changing"]
 
 _FONT_SCALE = mujoco.mjtFontScale.mjFONTSCALE_150.value  # dm_control's
 _OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
@@ -37,6 +37,18 @@ _MOST_SHARED = 8
 
 
 _T = TypeVar("_T")
+
+# Models of which one canvas serves all with the same structure from the first picture on.
+_changing: weakref.WeakSet[mujoco.MjModel] = weakref.WeakSet()
+
+
+def share_changing(model: mujoco.MjModel) -> None:
+    """Makes a model share one canvas with others like it, whatever their textures are.
+
+    For models whose textures change with nearly every picture: otherwise each first gets a canvas
+    of its own.
+    """
+    _changing.add(model)
 
 
 class _Private:
@@ -141,7 +153,7 @@ class Canvases:
                 self._drop(key)
             canvas = None
         if not isinstance(key, _Private):
-            is_changing = key is not None and key.is_changing
+            is_changing = model in _changing or (key is not None and key.is_changing)
             if may_have_changed and canvas is not None and not is_changing:
                 is_changing = not canvas.uploads.are_current(model)
             if canvas is None or canvas.is_changing != is_changing:

@@ -1,0 +1,288 @@
+"""Draws a `Look`: the appearance of an episode, given to a scene after it was filled.
+
+    look = look_of(physics)                             # None: as the model is
+    mujoco.mjv_updateScene(*contents, scene)
+    dress(look, scene, contents)                        # colours, and the camera's pose
+    stage = staged(look, model, data)                   # the model whose textures are drawn
+    picture = behind(look, picture, time)               # a video in place of green pixels
+
+Neither the model nor the data changes: simulations share the model, and tasks measure the data.
+Textures belong to OpenGL, which takes them from a model, so those that differ are in a `stage`, a
+copy of the model with small textures. The appearance is described in `limberjack.worlds`.
+"""
+
+import weakref
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.pictures import Contents
+from limberjack.mujoco.rendering import share_changing
+from limberjack.mujoco.rendering.uploads import FIELDS
+from limberjack.mujoco.wrapper import MjvScene
+from limberjack.mujoco.wrapper.textures import with_textures
+from limberjack.mujoco.wrapper.visual import RenderFlag
+from limberjack.worlds.appearance.backdrop import on_green_screen
+from limberjack.worlds.appearance.colors import GREEN, repainted_floor, repainted_sky
+from limberjack.worlds.appearance.looks import Look
+from limberjack.worlds.appearance.viewpoint import Pose, Sphere, distracted, sphere_of, turned
+
+__all__ = ["behind", "dress", "flags_for", "look_of", "staged"]
+
+_SKY = mujoco.mjtTexture.mjTEXTURE_SKYBOX.value
+_FLAT = mujoco.mjtTexture.mjTEXTURE_2D.value
+_TRACKS = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM.value
+_COLOURS = mujoco.mjtTextureRole.mjTEXROLE_RGB.value
+_FLOOR, _BODY = "grid", "self"  # materials of the suite's common/materials.xml
+_FACES = 6  # of a sky
+_MOST_SKY = 256  # pixels of a side of a sky that is repainted; a film of 480 shows half of a side
+# Opacity of the floor before a background: DCS has 0 for the reacher, whose camera looks straight
+# down, 1 where the camera follows the body (walker, cheetah), and 0.3 for the other three domains.
+_SEEN_FROM_ABOVE, _WALKED_ON, _OTHERWISE = 0.0, 1.0, 0.3
+
+# Of models: the centre of mass of the first body's tree in the model's initial pose, (3,).
+_centres: weakref.WeakKeyDictionary[mujoco.MjModel, np.ndarray] = weakref.WeakKeyDictionary()
+# Of simulations: two that share a model may be drawn at the same time.
+_stages: weakref.WeakKeyDictionary[mujoco.MjData, "_Stage"] = weakref.WeakKeyDictionary()
+
+
+def look_of(physics: object) -> Look | None:
+    """The look with which a physics is drawn; None for that of the model."""
+    simulation = getattr(physics, "simulation", None)
+    return None if simulation is None else getattr(simulation, "look", None)
+
+
+def flags_for(look: Look, flags: Mapping[RenderFlag, bool]) -> Mapping[RenderFlag, bool]:
+    """Overrides of rendering flags with which a background is seen."""
+    if look.options.background is None:
+        return flags
+    return {**flags, "skybox": True}
+
+
+def dress(look: Look, scene: MjvScene, contents: Contents) -> None:
+    """Changes the colours and the camera of a scene that was just filled."""
+    model, data, _, _, view, _ = contents
+    _color(look, scene, model, data.time)
+    _aim(look, scene, model, data, view)
+
+
+def behind(look: Look, picture: np.ndarray, time: float) -> np.ndarray:
+    """The finished picture, with the background in place of green pixels if it belongs there."""
+    if look.options.place != "picture":
+        return picture
+    frame = look.background(time)
+    return picture if frame is None else on_green_screen(picture, frame)
+
+
+def staged(look: Look, model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjModel | None:
+    """A model with the textures of a look, valid until the next call; None if they are its own."""
+    textures = _textures(look, model, data.time)
+    if not textures:
+        return None
+    stage = _stages.get(data)
+    if stage is None or not stage.fits(model, textures):
+        stage = _stages[data] = _Stage(model, textures)
+    stage.paint(textures)
+    stage.follow(model)
+    return stage.model
+
+
+class _Stage:
+    """A copy of a model with textures of other sizes."""
+
+    def __init__(self, model: mujoco.MjModel, textures: Mapping[int, np.ndarray]) -> None:
+        self.model = with_textures(model, textures)
+        share_changing(self.model)
+        self._original, self._shapes = weakref.ref(model), _shapes(textures)
+
+    def fits(self, model: mujoco.MjModel, textures: Mapping[int, np.ndarray]) -> bool:
+        """Whether it was made of this model, for textures of these sizes."""
+        return self._original() is model and self._shapes == _shapes(textures)
+
+    def paint(self, textures: Mapping[int, np.ndarray]) -> None:
+        """Sets the textures; the next picture uploads those that changed."""
+        for number, pixels in textures.items():
+            start = self.model.tex_adr[number]
+            self.model.tex_data[start : start + pixels.size] = pixels.reshape(-1)
+
+    def follow(self, model: mujoco.MjModel) -> None:
+        """Takes the height fields and meshes of the model, which an episode may have changed."""
+        for name in FIELDS:
+            if not name.startswith("tex_") and getattr(model, name).size:
+                np.copyto(getattr(self.model, name), getattr(model, name))
+
+
+def _shapes(textures: Mapping[int, np.ndarray]) -> dict[int, tuple[int, ...]]:
+    return {number: pixels.shape for number, pixels in textures.items()}
+
+
+def _textures(look: Look, model: mujoco.MjModel, time: float) -> dict[int, np.ndarray]:
+    """Textures of the model by number that look otherwise, (height, width, 3) uint8."""
+    options, palette = look.options, look.palette
+    sky, floor = _sky(model), _floor_texture(model)
+    textures = {}
+    is_screen = options.place == "picture" and options.background is not None
+    if sky is not None:
+        frame = look.background(time) if options.background is not None else None
+        if is_screen:
+            textures[sky] = np.full((8, 8, 3), GREEN)  # one colour needs no more pixels
+        elif frame is not None:
+            textures[sky] = frame
+        elif palette is not None:
+            textures[sky] = repainted_sky(_small_sky(model, sky), palette.sky)
+    if floor is not None:
+        if is_screen and options.floor == 0.0:
+            textures[floor] = np.full((8, 8, 3), GREEN)
+        elif palette is not None:
+            colors = palette.floor, palette.second_floor
+            textures[floor] = repainted_floor(_pixels(model, floor), *colors)
+    return textures
+
+
+def _color(look: Look, scene: MjvScene, model: mujoco.MjModel, time: float) -> None:
+    """Colours the geoms whose colour is that of their material."""
+    wanted = model.mat_rgba.copy()
+    colors = look.colors(wanted[:, :3].astype(float), time)
+    if colors is not None:
+        wanted[:, :3] = colors
+    if look.palette is not None and (body := _material(model, _BODY)) >= 0:
+        wanted[body, :3] = look.palette.body
+    floor = _material(model, _FLOOR)
+    opacity = _opacity(look, model)
+    if opacity is not None and floor >= 0:
+        wanted[floor, 3] = opacity
+    changed = (wanted != model.mat_rgba).any(axis=-1)
+    for geom in scene.geoms if changed.any() else ():
+        number = geom.matid
+        # A geom may have a colour of its own, which hides that of its material.
+        if number >= 0 and changed[number] and (geom.rgba == model.mat_rgba[number]).all():
+            geom.rgba[:] = wanted[number]
+
+
+def _opacity(look: Look, model: mujoco.MjModel) -> float | None:
+    """Opacity of the floor before a background in the scene; None for the model's."""
+    options = look.options
+    if options.background is None or options.place == "picture":
+        return None
+    if options.floor is not None:
+        return float(options.floor)
+    if not model.ncam:
+        return _OTHERWISE
+    if model.cam_mode[0] == _TRACKS:
+        return _WALKED_ON
+    place = sphere_of(model.cam_pos[0])
+    return _SEEN_FROM_ABOVE if place.vertical == 0.0 else _OTHERWISE
+
+
+def _aim(
+    look: Look,
+    scene: MjvScene,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    view: mujoco.MjvCamera,
+) -> None:
+    """Moves and turns the camera of the scene, which has an eye on the left and on the right."""
+    turns = look.turns(model.names.split(b"\0", 1)[0].decode())
+    if look.options.camera is None and not turns:
+        return
+    eyes = scene.camera
+    pose = _pose(scene, data, view.fixedcamid)
+    if look.options.camera is not None:
+        pose = _moved(look, pose, model, data, view)
+    for turn in turns:
+        pose = turned(pose, turn)
+    apart = model.vis.global_.ipd / 2 * pose.axes[:, 0]
+    for eye, side in zip(eyes, (-apart, apart), strict=True):
+        eye.pos[:], eye.forward[:], eye.up[:] = (
+            pose.position + side,
+            -pose.axes[:, 2],
+            pose.axes[:, 1],
+        )
+
+
+def _pose(scene: MjvScene, data: mujoco.MjData, number: int) -> Pose:
+    """The pose of a camera; only the scene knows that of the free one."""
+    if number >= 0:
+        return Pose(data.cam_xpos[number].copy(), data.cam_xmat[number].reshape(3, 3).copy())
+    eyes = scene.camera
+    position = np.mean([eye.pos for eye in eyes], axis=0, dtype=float)
+    forward, up = (np.asarray(part, float) for part in (eyes[0].forward, eyes[0].up))
+    return Pose(position, np.stack([np.cross(forward, up), up, -forward], axis=-1))
+
+
+def _moved(
+    look: Look,
+    pose: Pose,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    view: mujoco.MjvCamera,
+) -> Pose:
+    """The pose of a camera on its sphere, around the world's origin or the body that it follows."""
+    number = view.fixedcamid
+    body = min(1, model.nbody - 1)  # of the first tree, as in DCS
+    is_fixed = number < 0 or model.cam_bodyid[number] == 0
+    centre = np.zeros(3) if is_fixed else data.subtree_com[body]
+    # DCS begins with the camera's place at the start of the episode. The model's initial pose gives
+    # the same place to its cameras, which are fixed or keep their distance from the body.
+    begin = _start(pose, model, number, is_fixed)
+    distance = np.linalg.norm(pose.position - (_centre(model) if is_fixed else centre))
+    lookat = pose.position - pose.axes[:, 2] * distance
+    found = look.place(number, begin, data.time)
+    assert found is not None
+    return distracted(pose, *found, begin, centre, lookat)
+
+
+def _start(pose: Pose, model: mujoco.MjModel, number: int, is_fixed: bool) -> Sphere:
+    """The place on its sphere that the model gives a camera."""
+    if is_fixed:
+        return sphere_of(pose.position)
+    return sphere_of(model.cam_poscom0[number])
+
+
+def _centre(model: mujoco.MjModel) -> np.ndarray:
+    """Centre of mass of the first body's tree in the model's initial pose, (3,)."""
+    centre = _centres.get(model)
+    if centre is None:
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        centre = _centres[model] = data.subtree_com[min(1, model.nbody - 1)].copy()
+    return centre
+
+
+def _sky(model: mujoco.MjModel) -> int | None:
+    """The number of the sky's texture."""
+    found = np.flatnonzero(model.tex_type == _SKY)
+    return int(found[0]) if found.size else None
+
+
+def _material(model: mujoco.MjModel, name: str) -> int:
+    """The number of a material; -1 if there is none."""
+    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL.value, name)
+
+
+def _floor_texture(model: mujoco.MjModel) -> int | None:
+    """The number of the floor's texture."""
+    material = _material(model, _FLOOR)
+    number = int(model.mat_texid[material, _COLOURS]) if material >= 0 else -1
+    return number if number >= 0 and model.tex_type[number] == _FLAT else None
+
+
+def _pixels(model: mujoco.MjModel, number: int) -> np.ndarray:
+    """A texture of the model, (height, width, 3) uint8."""
+    height, width = int(model.tex_height[number]), int(model.tex_width[number])
+    start, channels = int(model.tex_adr[number]), int(model.tex_nchannel[number])
+    pixels = model.tex_data[start : start + height * width * channels]
+    return pixels.reshape(height, width, channels)[..., :3]
+
+
+def _small_sky(model: mujoco.MjModel, number: int) -> np.ndarray:
+    """The sky with sides of a few pixels, each the mean of those that it stands for."""
+    pixels = _pixels(model, number)
+    width = pixels.shape[1]
+    share = -(-width // _MOST_SKY)
+    while width % share:
+        share += 1
+    blocks = pixels.reshape(-1, share, width // share, share, 3)
+    return blocks.mean(axis=(1, 3)).astype(np.uint8)
