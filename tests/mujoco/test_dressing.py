@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -11,6 +12,8 @@ from numpy.testing import assert_array_equal
 from limberjack import suite
 from limberjack.mujoco import Physics, dressing
 from limberjack.mujoco.dressing import behind, flags_for, look_of, staged
+from limberjack.mujoco.rendering import uploads as rendering_uploads
+from limberjack.mujoco.rendering.uploads import _KINDS
 from limberjack.worlds.appearance import Appearance, Look, Looks
 from limberjack.worlds.appearance.backdrop import is_green
 from limberjack.worlds.appearance.viewpoint import Pose, distracted, sphere_of, turned
@@ -275,3 +278,23 @@ def test_geoms_with_colours_of_their_own_keep_them() -> None:
     _drawn(physics, _look({"colors": 0.3}), scene_callback=callback)
     assert colors[0][1] == [1, 0, 0, 1]
     assert colors[0][0] != pytest.approx([0.2, 0.4, 0.6, 1])
+
+
+@pytest.mark.parametrize(("dynamic", "uploads"), [(False, 1), (True, 3)])
+def test_only_textures_that_change_are_uploaded(
+    monkeypatch: pytest.MonkeyPatch, dynamic: bool, uploads: int
+) -> None:
+    physics, look = _physics("walker"), _look({"background": "noise", "dynamic": dynamic}, 5)
+    uploaded = []
+
+    def upload(model: Any, context: Any, number: int) -> None:
+        uploaded.append(number)
+        mujoco.mjr_uploadTexture(model, context, number)
+
+    kinds = [kind._replace(upload=upload) if kind.size == "ntex" else kind for kind in _KINDS]
+    _drawn(physics, _look({"background": "noise"}, 6))  # which makes the canvas
+    monkeypatch.setattr(rendering_uploads, "_KINDS", tuple(kinds))
+    for step in range(3):
+        physics.data.time = 0.01 * step
+        _drawn(physics, look)
+    assert uploaded == [0] * uploads

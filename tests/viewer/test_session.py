@@ -374,3 +374,15 @@ def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
     assert session.status().plan is None  # it belonged to the episode before
     with pytest.raises(ValueError, match="only plans of the policy 'planner' are explained"):
         plans.begin_with("random")
+
+
+def test_the_colours_of_an_appearance_are_shown_and_the_models_own_return() -> None:
+    environment = suite.load("walker", "walk", {"random": 0}, appearance={"colors": 0.3})
+    session = Session(environment, seed=0)
+    model = session.copy_model()
+    before = model.mat_rgba.copy()
+    session.copy_state(model, mujoco.MjData(model))
+    difference = abs(model.mat_rgba - before)
+    assert 0.1 < difference[:, :3].max() <= 0.3 + 1e-6
+    assert not difference[:, 3].any()
+    assert (environment.physics.model._model.mat_rgba == before).all()

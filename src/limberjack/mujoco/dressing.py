@@ -28,7 +28,7 @@ from limberjack.worlds.appearance.colors import GREEN, repainted_floor, repainte
 from limberjack.worlds.appearance.looks import Look
 from limberjack.worlds.appearance.viewpoint import Pose, Sphere, distracted, sphere_of, turned
 
-__all__ = ["behind", "dress", "flags_for", "look_of", "staged"]
+__all__ = ["behind", "dress", "flags_for", "look_of", "materials", "staged"]
 
 _SKY = mujoco.mjtTexture.mjTEXTURE_SKYBOX.value
 _FLAT = mujoco.mjtTexture.mjTEXTURE_2D.value
@@ -142,6 +142,17 @@ def _textures(look: Look, model: mujoco.MjModel, time: float) -> dict[int, np.nd
 
 def _color(look: Look, scene: MjvScene, model: mujoco.MjModel, time: float) -> None:
     """Colours the geoms whose colour is that of their material."""
+    wanted = materials(look, model, time)
+    changed = (wanted != model.mat_rgba).any(axis=-1)
+    for geom in scene.geoms if changed.any() else ():
+        number = geom.matid
+        # A geom may have a colour of its own, which hides that of its material.
+        if number >= 0 and changed[number] and (geom.rgba == model.mat_rgba[number]).all():
+            geom.rgba[:] = wanted[number]
+
+
+def materials(look: Look, model: mujoco.MjModel, time: float) -> np.ndarray:
+    """Colours and opacities of the model's materials with a look, (n, 4), 0 to 1."""
     wanted = model.mat_rgba.copy()
     colors = look.colors(wanted[:, :3].astype(float), time)
     if colors is not None:
@@ -152,12 +163,7 @@ def _color(look: Look, scene: MjvScene, model: mujoco.MjModel, time: float) -> N
     opacity = _opacity(look, model)
     if opacity is not None and floor >= 0:
         wanted[floor, 3] = opacity
-    changed = (wanted != model.mat_rgba).any(axis=-1)
-    for geom in scene.geoms if changed.any() else ():
-        number = geom.matid
-        # A geom may have a colour of its own, which hides that of its material.
-        if number >= 0 and changed[number] and (geom.rgba == model.mat_rgba[number]).all():
-            geom.rgba[:] = wanted[number]
+    return wanted
 
 
 def _opacity(look: Look, model: mujoco.MjModel) -> float | None:

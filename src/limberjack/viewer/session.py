@@ -22,6 +22,7 @@ import dm_env
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.dressing import look_of, materials
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
@@ -273,6 +274,8 @@ class Session:
     def copy_state(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Writes the state into a viewer's data, without the pushes, which are the viewer's own.
 
+        The viewer's model gets the colours of an appearance; cameras and backgrounds are its own.
+
         Args:
           model: of `copy_model`.
           data: a `mujoco.MjData` of that model; quantities derived from the state are not computed.
@@ -281,6 +284,9 @@ class Session:
         mujoco.mj_getState(self.model, self.data, state, _SHOWN)
         mujoco.mj_setState(model, data, state, _SHOWN)
         data.xfrc_applied[:] = 0.0
+        look = look_of(self._environment.physics)
+        if look is not None:
+            model.mat_rgba[:] = materials(look, self.model, self.data.time)
 
     def status(self) -> Status:
         """The running episode's status now."""
