@@ -200,3 +200,15 @@ def test_an_error_while_playing_is_no_missing_policy() -> None:
 
     with pytest.raises(PolicyError, match="seed 30000"):
         evaluate_set(_FAST, broken, num_threads=1)
+
+
+def test_a_world_is_that_of_all_tasks_and_part_of_the_results(tmp_path: Path) -> None:
+    tasks, out = TaskSet("one", (("cartpole", "balance"),), "this test"), tmp_path / "out"
+    world = {"appearance": "color_hard"}
+    found = evaluate_set(tasks, "zero", out=out, num_threads=1, world=world)
+    assert found.as_json()["world"] == world
+    facts = json.loads((out / "run-1" / "cartpole-balance" / "result.json").read_text())
+    assert facts["world"] == {"appearance": {"palette": 0.2}}
+    for other in (None, {"appearance": "color_easy"}):
+        with pytest.raises(ValueError, match=r"world .*, and this one has"):
+            evaluate_set(tasks, "zero", out=out, num_threads=1, world=other)

@@ -317,7 +317,6 @@ def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> Tas
 def _asked_for(task_set: TaskSet, runs: Sequence[str], world: World | None) -> dict[str, object]:
     """The facts that identify the results of a folder."""
     return {
-        **({"world": dict(world)} if world else {}),
         "set": task_set.name,
         "source": task_set.source,
         "protocol": VERSION,
@@ -325,6 +324,7 @@ def _asked_for(task_set: TaskSet, runs: Sequence[str], world: World | None) -> d
         "seeds": f"{_SEEDS[0]}:{_SEEDS[-1] + 1}",
         "score": f"mean return divided by {_FULL_RETURN:g}",
         "runs": list(runs),
+        "world": dict(world) if world else None,
     }
 
 
