@@ -10,6 +10,7 @@ VENV ?= .venv
 
 BIN := $(VENV)/bin
 SCALE := $(VENV)/scale
+LEROBOT := $(VENV)/lerobot
 OLDEST := 3.11
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
 # A stamp per Python version: another PYTHON creates a new environment.
@@ -25,7 +26,7 @@ export PYTHONUNBUFFERED = 1
 
 .DEFAULT_GOAL := help
 .PHONY: help demo docs test test-browser test-slow test-exactness test-training test-minari \
-	test-scale test-gpu lint format clean check-python
+	test-lerobot test-scale test-gpu lint format clean check-python
 .DELETE_ON_ERROR:
 
 help:  ## Show this list
@@ -65,6 +66,9 @@ test-training: $(VENV)/installed-training  ## Run the tests of training, Stable-
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format
 	$(BIN)/python -m pytest -m 'slow or not slow' tests/episodes/test_to_minari.py \
 		tests/cli/test_datasets.py tests/cli/test_collect.py
+
+test-lerobot: $(VENV)/installed-test $(VENV)/installed-lerobot  ## Let LeRobot open a converted dataset; installs LeRobot and PyTorch
+	LEROBOT_PYTHON=$(LEROBOT)/bin/python $(BIN)/python -m pytest tests/episodes/test_to_lerobot.py
 
 test-scale: $(VENV)/installed-scale  ## Run the tests of Ray: on this machine, and a cluster of three nodes
 	$(SCALE)/bin/python -m pytest -m ray tests/workers/test_ray_tasks.py
@@ -123,7 +127,7 @@ $(VENV)/installed-minari: $(VENV)/installed-test
 # PyTorch for the CPU is enough. Where pip's index has only the CUDA build, which is several GB, name
 # one that has it: make PIP_EXTRA_INDEX_URL=... test-training
 $(VENV)/installed-training: $(VENV)/installed-test
-	$(INSTALL) '.[test,train,sb3]'
+	$(INSTALL) '.[test,train,sb3,torchrl]'
 	@touch $@
 
 # In an environment of its own: no other test may depend on the packages that Ray brings.
@@ -131,6 +135,12 @@ $(VENV)/installed-scale: $(MADE) pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear $(SCALE)
 	$(SCALE)/bin/python -m pip install --quiet --disable-pip-version-check \
 		--constraint constraints.txt --editable '.[ray,data]' pytest
+	@touch $@
+
+# In an environment of its own, without our constraints: it needs older versions, and Python 3.12.
+$(VENV)/installed-lerobot: $(MADE)
+	$(PYTHON) -m venv --clear $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check 'lerobot[dataset]==0.6.1'
 	@touch $@
 
 # The first test compiles MuJoCo Warp's kernels, which takes minutes; they are kept.

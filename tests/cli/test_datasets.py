@@ -310,6 +310,20 @@ def test_the_place_and_the_id_are_printed(tmp_path: Path) -> None:
     assert (tmp_path / "root" / "mine-v1" / "data" / "metadata.json").exists()
 
 
+def test_a_dataset_is_converted_to_lerobots_format(tmp_path: Path) -> None:
+    folder = _collected(tmp_path / "zero")
+    result = invoke("convert", str(folder), "--to", "lerobot")
+    expected = f'LeRobotDataset("limberjack/lerobot", root="{folder}/lerobot")\n'
+    assert (result.exit_code, result.stdout) == (0, expected)
+    assert (folder / "lerobot" / "meta" / "info.json").exists()
+    assert len(data.load(folder)) == 2
+    result = invoke("convert", str(folder), "--to", "lerobot", "--id", "mine-v1")
+    assert result.exit_code == 2
+    assert result.stderr == (
+        "limberjack: --id names a Minari dataset, and --to is lerobot: leave it out\n"
+    )
+
+
 def test_without_minari_the_packages_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

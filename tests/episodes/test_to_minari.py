@@ -24,8 +24,10 @@ _LIMIT = 600  # seconds
 # Opens the dataset, and steps the recovered environment with an episode's seed and actions.
 _PROGRAM = """
 import sys
+import warnings
 import minari
 import numpy as np
+warnings.filterwarnings("error", "Package|Installed")  # of a requirement that is not met
 dataset = minari.load_dataset(sys.argv[1])
 env = dataset.recover_environment()
 for episode in dataset.iterate_episodes():
@@ -80,6 +82,8 @@ def test_the_recovered_environment_repeats_every_episode(
     assert _stepped(tmp_path, name) == "2 10"
     metadata = json.loads((tmp_path / name / "data" / "metadata.json").read_text())
     assert metadata["limberjack"] == arms.recipe.facts
+    versions = arms.recipe.facts["versions"]
+    assert metadata["requirements"] == [f"{n}=={versions[n]}" for n in ("limberjack", "mujoco")]
 
 
 def test_flat_observations_of_float32_are_repeated_too(to_minari: Any, tmp_path: Path) -> None:

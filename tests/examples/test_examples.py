@@ -1,19 +1,25 @@
 """Each example runs for a little while and says what it should."""
 
+import importlib
 import importlib.util
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import limberjack
-from limberjack import suite
+from limberjack import data, suite
 from limberjack.mujoco.camera import RenderingError
+from limberjack.policies import mlp
 from limberjack.utils.requirements import install_command
 from tests.policies.network_files import write
+
+from_datasets: Any = importlib.import_module("benchmarks.from_datasets")
 
 _EXAMPLES = Path(__file__).parents[2] / "examples"
 _SOURCE = Path(limberjack.__file__).parents[1]
@@ -28,7 +34,9 @@ _NEEDS = {
     "policy_gymnasium": ((), ""),
     "policy_sb3": (("stable_baselines3",), "sb3"),
     "planner_picture": ((), ""),
+    "behaviour_cloning": (("pyarrow", "torch"), "torch"),
     "dataset_pytorch": (("pyarrow", "torch"), "torch"),
+    "offline_iql": (("pyarrow", "torch", "torchrl"), "torchrl"),
     "sb3_crossq": (("sb3_contrib", "stable_baselines3"), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
     "rsl_rl_ppo": (("mujoco_warp", "torch", "rsl_rl"), "rsl-rl"),
@@ -139,6 +147,34 @@ def test_dataset_pytorch() -> None:
     )
     assert found is not None
     assert float(found[2]) < 0.8 * float(found[1])
+
+
+def _learned(name: str, collected: Sequence[str], folder: Path) -> tuple[float, float]:
+    """The returns of a small dataset, and of what an example learns from it."""
+    _output(name, "--help")  # skips without the packages
+    _printed("-m", "limberjack", "collect", *collected, "--out", str(folder / "data"))
+    out = folder / "learned.safetensors"
+    how = ("--steps", "400", "--data", str(folder / "data"), "--episodes", "1")
+    printed = _output(name, *how, "--out", str(out))
+    assert mlp.load(out).card.action_repeat == 4
+    return from_datasets.returns_in(printed)
+
+
+def test_behaviour_cloning(tmp_path: Path) -> None:
+    collected = ("cartpole", "balance", "--policy", "pretrained", "--seeds", "0:4")
+    dataset, clone = _learned("behaviour_cloning", collected, tmp_path)
+    assert dataset > 990
+    assert clone > 950  # zero actions have a mean return of 746
+
+
+def test_offline_iql(tmp_path: Path) -> None:
+    policy = ("--policy", "offline_iql:Mixed", "--action-repeat", "4")
+    collected = ("cartpole", "swingup", *policy, "--seeds", "0:8")
+    dataset, learned = _learned("offline_iql", collected, tmp_path)
+    totals = [episode.total for episode in data.load(tmp_path / "data")]
+    # The shares of random actions grow from each seed to the next, and begin again with the fifth.
+    assert min(totals[0], totals[4]) > 600 > 300 > max(totals[3], totals[7])
+    assert dataset < learned
 
 
 def test_sb3_crossq(tmp_path: Path) -> None:

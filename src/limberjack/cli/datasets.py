@@ -25,7 +25,8 @@ from limberjack.utils.facts import title_of
 from limberjack.utils.requirements import is_of_mujoco
 
 if TYPE_CHECKING:
-    from limberjack.data import Information
+    from limberjack.data import Dataset, Information
+    from limberjack.workers import OnProgress
 
 __all__ = ["DatasetFolder", "print_information", "reading_reported"]
 
@@ -142,42 +143,67 @@ class _Target(enum.StrEnum):
     """A format to convert to."""
 
     MINARI = "minari"
+    LEROBOT = "lerobot"
 
 
 @command(
     "convert",
     "limberjack convert walk --to minari",
     "limberjack convert walk --to minari --id mine/walk-v0",
+    "limberjack convert walk --to lerobot --out walk-lerobot",
 )
 def _convert(
     directory: DatasetFolder,
     to: Annotated[_Target, typer.Option(help="The format.")],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="ROOT", help="The folder of Minari datasets; DIR/minari by default."),
+        typer.Option(
+            metavar="ROOT",
+            help="The folder of Minari datasets, or that of the LeRobot dataset; DIR/minari or "
+            "DIR/lerobot by default.",
+        ),
     ] = None,
     id: Annotated[
         str | None,
-        typer.Option(metavar="ID", help="Such as mine/walk-v0; of task and policy by default."),
+        typer.Option(
+            metavar="ID", help="Of Minari, such as mine/walk-v0; of task and policy by default."
+        ),
     ] = None,
 ) -> None:
-    """Convert a dataset to Minari's format, one episode at a time.
+    """Convert a dataset to the format of Minari, or version 3 of LeRobot's.
 
-    To load it, MINARI_DATASETS_PATH must name the folder of Minari datasets.
+    To load a Minari dataset, MINARI_DATASETS_PATH must name the folder of Minari datasets.
     """
     with reading_reported("convert"):
         from limberjack import data
         from limberjack.episodes.places import place_of
 
+        if id is not None and to is not _Target.MINARI:
+            raise ValueError(f"--id names a Minari dataset, and --to is {to}: leave it out")
         if out is None:
             folder = place_of(directory)
             if not isinstance(folder, Path):
                 raise ValueError(f"{directory} is a URL: name the folder to write to with --out")
             out = folder / to
-        from limberjack.episodes.to_minari import to_minari
-
+        convert = _to_minari if to is _Target.MINARI else _to_lerobot
         dataset = data.load(directory)
         with show_units() as progress:
             progress.begin(len(dataset))
-            name = to_minari(dataset, out, id, progress.show)
-    typer.echo(f'MINARI_DATASETS_PATH={out}: minari.load_dataset("{name}")')
+            call = convert(dataset, out, id, progress.show)
+    typer.echo(call)
+
+
+def _to_minari(dataset: "Dataset", out: Path, id: str | None, on_progress: "OnProgress") -> str:
+    """Converts a dataset; returns what to call to load it."""
+    from limberjack.episodes.to_minari import to_minari
+
+    name = to_minari(dataset, out, id, on_progress)
+    return f'MINARI_DATASETS_PATH={out}: minari.load_dataset("{name}")'
+
+
+def _to_lerobot(dataset: "Dataset", out: Path, id: str | None, on_progress: "OnProgress") -> str:
+    """Converts a dataset; returns what to call to load it."""
+    from limberjack.episodes.to_lerobot import to_lerobot
+
+    to_lerobot(dataset, out, on_progress)
+    return f'LeRobotDataset("limberjack/{out.name}", root="{out}")'

@@ -52,10 +52,22 @@ try:
 except ImportError as error:
     raise missing_extra("data") from error
 
-__all__ = ["PYARROW", "Shard", "Values", "columns_of", "encode", "episode_of", "join"]
+__all__ = [
+    "PYARROW",
+    "Plain",
+    "Shard",
+    "Values",
+    "columns_of",
+    "encode",
+    "episode_of",
+    "join",
+    "write_plain",
+]
 
 PYARROW: str = pa.__version__  # the bytes depend on it
 
+# Of a column for other programs: (rows,) or (rows, n), or a text or a list of texts in each row.
+Plain = np.ndarray | Sequence[str] | Sequence[Sequence[str]]
 Values = np.ndarray | str  # of a column in an episode; the only text is the kind of start
 
 _Untyped = Any  # an object of pyarrow, which has no types
@@ -292,6 +304,36 @@ def join(recipe: Recipe, seeds: range, parts: Iterable[Shard], file: Path) -> No
 
     with file.open("wb") as opened:
         _write(recipe, seeds, episodes(), opened)
+
+
+def write_plain(
+    path: Path, tables: Iterable[Mapping[str, Plain]], metadata: Mapping[str, str] | None = None
+) -> None:
+    """Writes a file of plain columns, for other programs.
+
+    Args:
+      path: of the file, which is replaced.
+      tables: columns by name, at least one of them and all of one form; each is a row group.
+      metadata: of the file.
+    """
+    with contextlib.ExitStack() as stack:
+        writer: _Untyped = None
+        for columns in tables:
+            table = pa.table({name: _plain(values) for name, values in columns.items()})
+            if writer is None:
+                schema = table.schema.with_metadata(metadata)
+                writer = stack.enter_context(pq.ParquetWriter(path, schema, compression="zstd"))
+            writer.write_table(table)
+
+
+def _plain(values: Plain) -> _Untyped:
+    """An array of pyarrow."""
+    if not isinstance(values, np.ndarray):
+        return pa.array(values)
+    numbers = _array(np.ascontiguousarray(values).reshape(-1))
+    if values.ndim == 1:
+        return numbers
+    return pa.FixedSizeListArray.from_arrays(numbers, values.shape[1])
 
 
 def _parquet_file(path: Place, **how: bool) -> pq.ParquetFile:

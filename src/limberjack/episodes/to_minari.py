@@ -14,7 +14,6 @@ import contextlib
 import json
 import os
 import re
-import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -23,6 +22,7 @@ import dm_env
 import numpy as np
 from dm_env import specs
 
+from limberjack.episodes.converting import converted
 from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.recipe import environments_of
 from limberjack.gym.made import spec_of
@@ -30,7 +30,7 @@ from limberjack.gym.observations import Observations, action_space
 from limberjack.rl.action_specs import spec_of as spec_of_actions
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.row_step import as_mapping
-from limberjack.utils.files import Hold, flush_folder, random_letters, read_regular
+from limberjack.utils.files import read_regular
 from limberjack.utils.requirements import missing_extra
 from limberjack.workers import OnProgress
 
@@ -47,6 +47,7 @@ __all__ = ["to_minari"]
 
 _STORAGE = "arrow"
 _RECIPE = "limberjack"  # entry of the metadata
+_REQUIRED = ("limberjack", "mujoco")  # packages that make the environment
 _METADATA = "metadata.json"  # beside it, Minari has a folder per episode, named by its number
 
 
@@ -84,21 +85,8 @@ def to_minari(
     if not re.fullmatch(r"([-\w]+/)*[-\w]+-v\d+", name):
         raise ValueError(f"the id is {name!r}; expected one such as 'mine/walk-v0'")
     folder = Path(root).resolve() / name  # Minari takes no relative path
-    if os.path.lexists(folder) and not _is_ours(folder):
-        raise ValueError(f"{folder} exists: remove it, or choose another folder or id")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = folder.with_name(f".{folder.name}.{random_letters()}")
-    with Hold(folder):
-        partial.mkdir()  # fails where anything is
-        try:
-            _write(dataset, partial / "data", name, on_progress)
-            if folder.exists():
-                shutil.rmtree(folder)
-            partial.rename(folder)
-        except BaseException:
-            shutil.rmtree(partial, ignore_errors=True)
-            raise
-    flush_folder(folder.parent)
+    with converted(folder, _is_ours, "another folder or id") as partial:
+        _write(dataset, partial / "data", name, on_progress)
     return name
 
 
@@ -132,7 +120,8 @@ def _write(dataset: Dataset, path: Path, name: str, on_progress: OnProgress | No
             "dataset_id": name,
             "minari_version": minari.__version__,
             "algorithm_name": facts["policy"],
-            "requirements": [f"mujoco=={facts['versions']['mujoco']}"],
+            # With other versions `recover_environment()` warns, as numbers may differ.
+            "requirements": [f"{name}=={facts['versions'][name]}" for name in _REQUIRED],
             _RECIPE: recipe.facts,
         }
     )

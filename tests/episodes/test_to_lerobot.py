@@ -1,0 +1,147 @@
+"""Datasets in LeRobot's format, read with pandas, and with lerobot: `make test-lerobot`."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from limberjack.data import Dataset, load
+from limberjack.episodes.to_lerobot import to_lerobot
+
+# The Python of an environment that has lerobot, whose requirements exclude those of the tests.
+_PYTHON = os.environ.get("LEROBOT_PYTHON")
+
+# Opens a dataset without the network, and prints an item, and windows of two frames.
+_PROGRAM = """
+import json, sys
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+name, root = "limberjack/arms", sys.argv[1]
+whole = LeRobotDataset(name, root=root)
+item = {key: value.tolist() for key, value in whole[7].items() if key != "task"}
+deltas = {"observation.state": [-whole.meta.fps**-1, 0], "action": [0, whole.meta.fps**-1]}
+windows = LeRobotDataset(name, root=root, delta_timestamps=deltas)[9]
+print(json.dumps({
+    "frames": len(whole), "episodes": whole.num_episodes, "fps": whole.meta.fps, "item": item,
+    "task": whole[7]["task"], "size": len(whole.meta.stats["observation.state"]["mean"]),
+    "padding": windows["action_is_pad"].tolist(), "windows": windows["observation.state"].tolist(),
+}))
+"""
+
+
+def _states(dataset: Dataset) -> np.ndarray:
+    """The observations before each step, joined."""
+    parts = [
+        np.concatenate([v[:-1].reshape(e.length, -1) for v in e.observations.values()], axis=1)
+        for e in dataset
+    ]
+    return np.concatenate(parts).astype(np.float32)
+
+
+def _frames(folder: Path) -> Any:
+    return pd.read_parquet(sorted((folder / "data").rglob("*.parquet")))
+
+
+def test_the_frames_are_the_steps(arms: Dataset, tmp_path: Path) -> None:
+    to_lerobot(arms, tmp_path / "out")
+    frames = _frames(tmp_path / "out")
+    np.testing.assert_array_equal(np.stack(frames["observation.state"]), _states(arms))
+    actions = np.concatenate([episode.actions for episode in arms]).astype(np.float32)
+    np.testing.assert_array_equal(np.stack(frames["action"]), actions)
+    rewards = np.concatenate([episode.rewards for episode in arms]).astype(np.float32)
+    np.testing.assert_array_equal(frames["next.reward"], rewards)
+    assert frames["next.done"].tolist() == [False] * 4 + [True] + [False] * 4 + [True]
+    assert not frames["next.terminated"].any()
+    assert "next.success" in frames
+    np.testing.assert_allclose(frames["timestamp"], [*np.arange(5) * 0.01] * 2, rtol=1e-6)
+    assert frames["frame_index"].tolist() == [*range(5)] * 2
+    assert frames["episode_index"].tolist() == [0] * 5 + [1] * 5
+    assert frames["index"].tolist() == [*range(10)]
+
+
+def test_the_files_say_where_each_episode_is(pendulums: Dataset, tmp_path: Path) -> None:
+    shown: list[object] = []
+    to_lerobot(pendulums, tmp_path / "out", lambda *told: shown.append(told))
+    assert shown == [("converting", number, 0.0) for number in range(1, 71)]
+    found = pd.read_parquet(tmp_path / "out" / "meta" / "episodes")
+    assert found["data/file_index"].tolist() == [0] * 64 + [1] * 6
+    for _, episode in found.iterrows():
+        name = f"chunk-000/file-{episode['data/file_index']:03d}.parquet"
+        frames = pd.read_parquet(tmp_path / "out" / "data" / name)
+        here = frames[frames["episode_index"] == episode["episode_index"]]
+        ends = episode["dataset_from_index"], episode["dataset_to_index"] - 1
+        assert (here["index"].iloc[0], here["index"].iloc[-1]) == ends
+        assert len(here) == episode["length"] == 10
+        assert list(episode["tasks"]) == ["pendulum swingup"]
+    tasks = pd.read_parquet(tmp_path / "out" / "meta" / "tasks.parquet")
+    assert tasks.loc["pendulum swingup", "task_index"] == 0
+
+
+def test_info_and_statistics_are_those_of_the_dataset(arms: Dataset, tmp_path: Path) -> None:
+    to_lerobot(arms, tmp_path / "out")
+    meta = tmp_path / "out" / "meta"
+    info, stats = (json.loads((meta / f"{n}.json").read_text()) for n in ("info", "stats"))
+    frames = _frames(tmp_path / "out")
+    assert sorted(info["features"]) == sorted(frames.columns)
+    size = len(frames["observation.state"][0])
+    names = info["features"]["observation.state"]["names"]
+    assert len(set(names)) == size
+    assert names[0] == f"{next(iter(arms[0].observations))}.0"
+    counts = ("total_episodes", "total_frames", "fps", "codebase_version")
+    assert [info[name] for name in counts] == [2, 10, 100, "v3.0"]
+    statistics = arms.statistics()
+    assert stats["action"]["std"] == statistics.actions.std.tolist()
+    assert stats["action"]["q99"] == statistics.actions.quantiles[0.99].tolist()
+    assert {len(stats["observation.state"][name]) for name in ("min", "max", "q01")} == {size}
+    assert json.loads((meta / "limberjack.json").read_text()) == arms.recipe.as_json()
+
+
+def test_an_earlier_conversion_is_replaced_and_nothing_else(
+    arms: Dataset, pendulums: Dataset, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    for dataset in (arms, pendulums):
+        to_lerobot(dataset, out)
+    assert len(_frames(out)) == 700
+    (out / "notes").write_text("mine")
+    with pytest.raises(ValueError, match="out exists: remove it, or choose another folder"):
+        to_lerobot(arms, out)
+    assert (out / "notes").read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_damaged_file_leaves_nothing_behind(
+    damaged: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    root = tmp_path_factory.mktemp("root")
+    with pytest.raises(ValueError, match="is damaged"):
+        to_lerobot(load(damaged), root / "out")
+    assert list(root.iterdir()) == []
+
+
+@pytest.mark.skipif(_PYTHON is None, reason="needs LEROBOT_PYTHON: make test-lerobot")
+def test_lerobot_opens_a_dataset(arms: Dataset, tmp_path: Path) -> None:
+    assert _PYTHON is not None
+    to_lerobot(arms, tmp_path / "out")
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [_PYTHON, "-c", _PROGRAM, str(tmp_path / "out")],
+        env={**kept, "HF_HUB_OFFLINE": "1", "HF_HOME": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    states = _states(arms)
+    assert (found["frames"], found["episodes"], found["fps"]) == (10, 2, 100)
+    assert (found["task"], found["size"]) == ("manipulator bring_ball", states.shape[1])
+    assert found["item"]["observation.state"] == states[7].tolist()
+    assert found["item"]["action"] == arms[1].actions[2].astype(np.float32).tolist()
+    assert found["item"]["episode_index"] == 1
+    assert found["padding"] == [False, True]
+    assert found["windows"] == states[8:10].tolist()
