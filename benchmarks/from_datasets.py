@@ -1,10 +1,11 @@
 """Scores of the policies that the examples learn from datasets, with three seeds each.
 
-    python benchmarks/from_datasets.py [--json FILE]
+    python benchmarks/from_datasets.py
 
 It runs examples/behaviour_cloning.py and examples/offline_iql.py with their own settings, and
 behaviour cloning of the dataset of the second one too, and reads the mean returns that they print.
-It needs the extras `torch` and `torchrl`. README.md describes the comparison.
+It writes results/from_datasets.json and the table of docs/datasets.md, and needs the extras `torch`
+and `torchrl`. README.md describes the comparison.
 """
 
 import json
@@ -14,15 +15,18 @@ import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
-
-import typer
+from typing import Any
 
 from limberjack.mujoco.fingerprint import versions
 
-__all__ = ["main", "returns_in"]
+__all__ = ["MARK", "PAGE", "RESULT", "main", "returns_in", "section", "write_page"]
 
-_EXAMPLES = Path(__file__).parents[1] / "examples"
+_ROOT = Path(__file__).parents[1]
+_EXAMPLES = _ROOT / "examples"
+RESULT = _ROOT / "benchmarks" / "results" / "from_datasets.json"
+PAGE = _ROOT / "docs" / "datasets.md"
+MARK = "<!-- learned from datasets: written by benchmarks/from_datasets.py -->\n"
+_END = "<!-- end -->"
 # The example that learns, and the one that collects the dataset.
 _RUNS = (
     ("behaviour_cloning", "behaviour_cloning"),
@@ -39,12 +43,33 @@ def returns_in(printed: str) -> tuple[float, float]:
     Raises:
       ValueError: it has printed none.
     """
-    found = re.search(
-        r"^return of the dataset ([\d.]+), of the .* ([\d.]+)$", printed, re.MULTILINE
-    )
+    form = r"^return of the dataset ([\d.]+), of the .* ([\d.]+)$"
+    found = re.search(form, printed, re.MULTILINE)
     if found is None:
         raise ValueError(f"no returns in what the example printed: {printed!r}")
     return float(found[1]), float(found[2])
+
+
+def section(content: Any) -> str:  # Any: what was read from JSON
+    """The table of the page."""
+    lines = [
+        "",
+        "| example | dataset of | return of the dataset | of the policies of three seeds |",
+        "|---|---|---|---|",
+    ]
+    for row in content["rows"]:
+        returns = ", ".join(f"{mean:.0f}" for mean in row["returns"])
+        names = f"`{row['example']}.py` | `{row['dataset']}.py`"
+        lines.append(f"| {names} | {row['return_of_dataset']:.0f} | {returns} |")
+    return "\n".join([*lines, "", ""])
+
+
+def write_page() -> None:
+    """Writes the table of the results into the page."""
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
+    _, _, after = rest.partition(_END)
+    table = section(json.loads(RESULT.read_text(encoding="utf-8")))
+    PAGE.write_text(f"{before}{MARK}{table}{_END}{after}", encoding="utf-8")
 
 
 def _run(example: str, folder: Path, seed: int) -> tuple[float, float]:
@@ -56,33 +81,30 @@ def _run(example: str, folder: Path, seed: int) -> tuple[float, float]:
     return returns_in(done.stdout)
 
 
-def main(
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the figures here.")
-    ] = None,
-) -> None:
-    """Run the examples and print a table."""
+def main() -> None:
+    """Run the examples and write what they learned."""
     rows = []
     with tempfile.TemporaryDirectory() as temporary:
-        # The datasets first: the second example's is there when the first one learns from it.
+        # The second example collects the dataset that the third run learns from.
         for example, collector in _RUNS:
             found = [_run(example, Path(temporary) / collector, seed) for seed in _SEEDS]
-            row = {
-                "example": example,
-                "dataset": collector,
-                "return_of_dataset": found[0][0],
-                "returns": [learned for _, learned in found],
-            }
-            rows.append(row)
-            typer.echo(row)
+            rows.append(
+                {
+                    "example": example,
+                    "dataset": collector,
+                    "return_of_dataset": found[0][0],
+                    "returns": [learned for _, learned in found],
+                }
+            )
+            print(rows[-1], flush=True)
     content = {
         "seeds": [_SEEDS.start, _SEEDS.stop],
         "versions": {**versions(), **{name: version(name) for name in _PACKAGES}},
         "rows": rows,
     }
-    if json_file is not None:
-        json_file.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
+    RESULT.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
+    write_page()
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    main()

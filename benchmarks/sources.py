@@ -33,6 +33,7 @@ _PARTS = {
     "classes.json": ("planner", *_SIMULATED),
     "collecting.json": ("episodes", "policies", "workers", *_SIMULATED),
     "exactness.json": _SIMULATED,
+    "from_datasets.json": ("episodes", "policies", *_SIMULATED),
     "learned/*.json": ("suite/{domain}.*", "policies/mlp.py", "training", "mujoco", "rl"),
     "many.json": ("gym", *_SIMULATED),
     "optimisers.json": ("planner", *_SIMULATED),

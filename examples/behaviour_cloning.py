@@ -62,6 +62,7 @@ def _clone(dataset: data.Dataset, card: mlp.Card, steps: int, seed: int) -> list
         torch.nn.ReLU(),
         torch.nn.Linear(_HIDDEN, len(card.low)),
     )
+    error = torch.zeros(())
     optimizer = torch.optim.Adam(network.parameters(), lr=_LEARNING_RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     mean, scale, low, high = (

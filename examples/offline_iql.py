@@ -165,8 +165,8 @@ def main() -> None:
         task, repeat = (facts["domain"], facts["task"]), facts["action_repeat"]
         environment = suite.load(*task)
         layout, spec = layout_of(environment), environment.action_spec()
-        bounds = (tuple(limit.tolist()) for limit in (spec.minimum, spec.maximum))
-        card = mlp.Card(layout, *bounds, action_repeat=repeat, algorithm="IQL")
+        low, high = (tuple(limit.tolist()) for limit in (spec.minimum, spec.maximum))
+        card = mlp.Card(layout, low, high, action_repeat=repeat, algorithm="IQL")
         out = given.out or Path(temporary) / "iql.safetensors"
         mlp.save(out, _learn(_transitions(dataset, layout), repeat, given.steps), card)
         seeds = range(_HELD_OUT, _HELD_OUT + given.episodes)

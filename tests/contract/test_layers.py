@@ -113,6 +113,7 @@ _STANDS_ALONE = (
     "limberjack.utils.rewards",
     "limberjack.utils.transformations",
     "limberjack.utils.xml_tools",
+    "limberjack.episodes.to_lerobot",
     "limberjack.episodes.to_minari",
     "limberjack.gallery",
     "limberjack.gym.made",  # of Gymnasium's own, for what converts to its formats

@@ -43,7 +43,7 @@ def _states(dataset: Dataset) -> np.ndarray:
 
 
 def _frames(folder: Path) -> Any:
-    return pd.read_parquet(sorted((folder / "data").rglob("*.parquet")))
+    return pd.concat(map(pd.read_parquet, sorted((folder / "data").rglob("*.parquet"))))
 
 
 def test_the_frames_are_the_steps(arms: Dataset, tmp_path: Path) -> None:
@@ -72,9 +72,8 @@ def test_the_files_say_where_each_episode_is(pendulums: Dataset, tmp_path: Path)
     for _, episode in found.iterrows():
         name = f"chunk-000/file-{episode['data/file_index']:03d}.parquet"
         frames = pd.read_parquet(tmp_path / "out" / "data" / name)
-        here = frames[frames["episode_index"] == episode["episode_index"]]
-        ends = episode["dataset_from_index"], episode["dataset_to_index"] - 1
-        assert (here["index"].iloc[0], here["index"].iloc[-1]) == ends
+        here = frames["index"][frames["episode_index"] == episode["episode_index"]].tolist()
+        assert here == [*range(episode["dataset_from_index"], episode["dataset_to_index"])]
         assert len(here) == episode["length"] == 10
         assert list(episode["tasks"]) == ["pendulum swingup"]
     tasks = pd.read_parquet(tmp_path / "out" / "meta" / "tasks.parquet")
@@ -87,7 +86,7 @@ def test_info_and_statistics_are_those_of_the_dataset(arms: Dataset, tmp_path: P
     info, stats = (json.loads((meta / f"{n}.json").read_text()) for n in ("info", "stats"))
     frames = _frames(tmp_path / "out")
     assert sorted(info["features"]) == sorted(frames.columns)
-    size = len(frames["observation.state"][0])
+    size = len(frames["observation.state"].iloc[0])
     names = info["features"]["observation.state"]["names"]
     assert len(set(names)) == size
     assert names[0] == f"{next(iter(arms[0].observations))}.0"
