@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -73,7 +73,8 @@ def test_the_files_say_where_each_episode_is(pendulums: Dataset, tmp_path: Path)
         name = f"chunk-000/file-{episode['data/file_index']:03d}.parquet"
         frames = pd.read_parquet(tmp_path / "out" / "data" / name)
         here = frames["index"][frames["episode_index"] == episode["episode_index"]].tolist()
-        assert here == [*range(episode["dataset_from_index"], episode["dataset_to_index"])]
+        first, end = (int(cast(int, episode[f"dataset_{name}_index"])) for name in ("from", "to"))
+        assert here == [*range(first, end)]
         assert len(here) == episode["length"] == 10
         assert list(episode["tasks"]) == ["pendulum swingup"]
     tasks = pd.read_parquet(tmp_path / "out" / "meta" / "tasks.parquet")
