@@ -45,6 +45,35 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "arrays.setdefault(content + bytes([len(arrays) % 256]), len(arrays))",
         ),
     ],
+    "viewer/panel.py": [
+        ("changed and chosen != now", "chosen != now + 1"),
+        (
+            "session, kind=kind: session.begin_kind(kind)",
+            "session: session.begin_kind(self._kinds[0])",
+        ),
+        ("            self._charted.clear()\n", ""),
+        ("first = status.step - len(values) + 1", "first = status.step - len(values)"),
+        ("np.clip(value, actuator.low, actuator.high)", "value"),
+        ("self._weights.setdefault(name, weight) or 1.0", "weight or 1.0"),
+        ("imgui.GetIO().KeyShift and ", ""),
+    ],
+    "viewer/session.py": [
+        ("self._seed = seed - self._episodes\n", "self._seed = seed\n"),
+        ("            self._episodes -= 1\n", ""),
+        (
+            "self._policy, self._act, self._note = before, act, str(error)",
+            "self._note = str(error)",
+        ),
+        (
+            "if self._policy == NO_POLICY and self._action is not None:",
+            "if self._action is not None:",
+        ),
+        (
+            "            return self._action.copy()\n        return self._act",
+            "            return self._act(None)\n        return self._act",
+        ),
+        ("        self._action = action\n", "        self._action = np.zeros(shape)\n"),
+    ],
     "rl/episode_values.py": [
         (
             "            setattr(task, name, np.array(value))\n",
@@ -1016,6 +1045,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "viewer/guard.py": [
+        ('            del headers["Content-Length"]\n', ""),
+        ('partition("?")[0] == _PAGE and', "startswith(_PAGE) and"),
         ("            self._permitted.add(connection)\n", ""),
         (
             "            if connection not in self._permitted:\n                connection",

@@ -41,6 +41,7 @@ _DIFFERENT = {
     ("policies", "--json"): "is a list of policies",
     ("train", "--seed"): "of a run, not of an episode",
     ("export", "--action-repeat"): "that of the training, which the model does not know",
+    ("view", "--policy"): "may be repeated, to choose from several on the page",
     ("view", "--explain"): "is shown live, and not printed after an episode",
 }
 

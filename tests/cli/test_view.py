@@ -267,10 +267,7 @@ def test_a_process_may_launch_one_viewer_after_another(
             (*_VIEW, "--allow-host", "https://a.example"),
             "expected a name such as viewer.example.org",
         ),
-        (
-            (*_VIEW, "--policy", "random", "--explain"),
-            "only plans of the policy 'planner' are explained, not of 'random'",
-        ),
+        ((*_VIEW, "--policy", "random", "--policy", "zeor"), "did you mean 'zero'"),
         ((*_VIEW, "--speed", "0"), "speed is 0.0; expected a positive number"),
         ((*_VIEW, "--time-limit", "inf"), "--time-limit is inf"),
     ],
@@ -316,6 +313,43 @@ def test_plans_are_explained_on_request(monkeypatch: pytest.MonkeyPatch) -> None
     assert explained.stage == ""
     assert set(explained.terms) == {"height", "motion", "off centre", "reward"}
     assert silent is None
+
+
+def test_the_policies_named_are_offered_first_then_the_built_in_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[Session] = []
+    monkeypatch.setattr(viewer, "in_window", lambda: seen.append)
+    named = ("--policy", "zero", "--policy", "pretrained", "--explain")
+    for options in (named, ()):
+        result = _invoke("view", "cartpole/balance", "--native", *options)
+        assert result.exit_code == 0, result.output
+    assert seen[0].policies == ("zero", "pretrained", "planner", "none", "random")
+    assert seen[1].policies == ("none", "zero", "random", "planner", "pretrained")
+
+
+def test_the_command_line_of_a_view_shows_the_same_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands: list[str] = []
+
+    def in_browsers(
+        access: object, title: str, announce: object, weigh: object, command: Any
+    ) -> Any:
+        def show(session: Session) -> None:
+            session.choose("random")
+            session.set_speed(0.5)
+            session.begin(7)
+            commands.append(command(session.status()))
+
+        return show
+
+    monkeypatch.setattr(viewer, "in_browsers", in_browsers)
+    options = ("--policy", "zero", "--time-limit", "2")
+    assert _invoke("view", "cartpole/balance", *options, "--seed", "3").exit_code == 0
+    shown = "limberjack view cartpole/balance --policy random --time-limit 2 --seed 7 --speed 0.5"
+    assert commands == [shown]
+    # It is understood, and means itself.
+    assert _invoke(*shown.split()[1:]).exit_code == 0
+    assert commands == [shown, shown]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a display is always there")

@@ -49,6 +49,17 @@ def test_a_cost_is_the_weighted_sum_of_its_terms_and_others_weigh_one() -> None:
     assert cost.step_cost(env.physics) == 2.0 * height + 1.0
 
 
+def test_a_weight_is_changed_in_one_cost_only() -> None:
+    env = _env()
+    cost, height = _Crouch(env.task), env.physics.head_height()
+    cost.weigh("one", 0.5)
+    assert cost.weighted_terms(env.physics) == {"height": 2.0 * height, "one": 0.5}
+    assert _Crouch(env.task).weights == {"height": 2.0}
+    for wrong in (-1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match=r"weight of 'one' is .*; expected 0"):
+            cost.weigh("one", wrong)
+
+
 def test_a_weight_that_no_term_has_is_refused() -> None:
     class Misspelt(_Crouch):
         weights: ClassVar = {"one": 1.0, "hight": 2.0}

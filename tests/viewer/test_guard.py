@@ -24,7 +24,10 @@ class _Served:
 
     def __init__(self, address: Address) -> None:
         self.access = Access(address, ["viewer.example.org"])
-        self.guard = Guard(self.access, server.serve, server.ServerConnection)
+        self.guard = Guard(
+            self.access, server.serve, server.ServerConnection, addition=b"<p>more</p>"
+        )
+        self.page = "xx"
         self.port = address.port
         self.cookie = f"limberjack-{self.port}={self.access.token}"
         self.reached: list[str] = []
@@ -61,7 +64,7 @@ class _Served:
         self.reached.append(request.path)
         if request.path == "/state":
             return None
-        response = connection.respond(200, "x" * (_LARGE if request.path == "/model" else 2))
+        response = connection.respond(200, "x" * _LARGE if request.path == "/model" else self.page)
         response.headers["Access-Control-Allow-Origin"] = "*"
         return response
 
@@ -80,6 +83,15 @@ def test_the_printed_address_opens_the_page_and_its_cookie_all_else(served: _Ser
     cookie = {"Cookie": served.cookie}
     assert ask(served.port, "/other", cookie).status == 200
     assert ask(served.port, "/state", cookie | WEBSOCKET).status == 101
+
+
+def test_the_page_alone_has_the_addition_and_its_length(served: _Served) -> None:
+    served.page = "<body></body>"
+    answer = ask(served.port, f"/?token={served.access.token}", {})
+    assert answer.text == "<body><p>more</p></body>"
+    assert answer.headers["content-length"] == str(len(answer.text))
+    assert ask(served.port, "/other", {"Cookie": served.cookie}).text == "<body></body>"
+    assert "more" not in ask(served.port, "/", {}).text  # which is refused
 
 
 def test_no_other_page_can_read_an_answer_or_frame_it(served: _Served) -> None:

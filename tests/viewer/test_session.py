@@ -386,3 +386,120 @@ def test_the_colours_of_an_appearance_are_shown_and_the_models_own_return() -> N
     assert 0.1 < difference[:, :3].max() <= 0.3 + 1e-6
     assert not difference[:, 3].any()
     assert (environment.physics.model._model.mat_rgba == before).all()
+
+
+def test_a_chosen_seed_begins_its_episode_and_the_next_follow() -> None:
+    session = Session(_load(), seed=0)
+    session.reset()
+    session.begin(40)
+    chosen = session.data.qpos.copy()
+    assert session.status().seed == 40
+    session.reset()
+    assert session.status().seed == 41
+    np.testing.assert_array_equal(chosen, Session(_load(), seed=40).data.qpos)
+    with pytest.raises(ValueError, match="no seeds to choose"):
+        Session(_load()).begin(1)
+    with pytest.raises(ValueError, match="seed"):
+        session.begin(-1)
+    assert session.status().seed == 41
+
+
+def test_the_next_start_of_a_kind_is_that_of_its_seed() -> None:
+    session = Session(_load("swimmer6", "swimmer"), seed=0)
+    kinds = [session.status().start]
+    for kind in ("far", "close", "far"):
+        before = session.status()
+        session.begin_kind(kind)
+        status = session.status()
+        assert (status.start, status.episode) == (kind, before.episode + 1)
+        assert status.seed is not None
+        assert status.seed > (before.seed or 0)
+        again = Session(_load("swimmer6", "swimmer"), seed=status.seed)
+        assert again.status().start == kind
+        kinds.append(kind)
+    with pytest.raises(ValueError, match="no kind of start is 'nowhere'"):
+        session.begin_kind("nowhere")
+
+
+def test_a_policy_is_switched_within_an_episode_and_goes_on_in_the_next() -> None:
+    begins = {"none": idle, "random": viewer.begin_with("random")}
+    session = Session(_load(), seed=2, policies=begins)
+    assert session.policies == ("none", "random")
+    session.step()
+    assert not session.data.ctrl.any()
+    session.choose("random")
+    assert (session.status().step, session.status().episode) == (1, 1)
+    session.step()
+    assert session.data.ctrl.any()
+    session.reset()
+    assert session.status().policy == "random"
+    with pytest.raises(ValueError, match="no policy is 'planner'"):
+        session.choose("planner")
+
+
+def test_a_policy_that_cannot_act_leaves_the_one_before() -> None:
+    def fail(environment: Any, seed: int) -> Any:
+        raise policies.PolicyError("it does not fit")
+
+    session = Session(
+        _load(), seed=2, policies={"random": viewer.begin_with("random"), "bad": fail}
+    )
+    session.choose("bad")
+    status = session.status()
+    assert (status.policy, status.note) == ("random", "it does not fit")
+    session.step()
+    assert session.status().step == 1
+
+
+def test_choosing_a_policy_after_the_end_begins_no_episode_by_half() -> None:
+    begins = {"none": idle, "random": viewer.begin_with("random")}
+    session = Session(_load(), seed=2, policies=begins)
+    for _ in range(10):
+        session.step()
+    session.choose("random")
+    session.step()
+    assert (session.status().episode, session.status().step) == (2, 0)
+
+
+def test_an_action_by_hand_acts_until_a_policy_is_chosen() -> None:
+    session = Session(_load("swimmer6", "swimmer"), seed=0, policies={"none": idle})
+    names = [actuator.name for actuator in session.actuators()]
+    assert len(set(names)) == 5
+    given = np.array([0.1, 0.2, -0.3, 0.4, 0.5])
+    session.set_action(given)
+    given[:] = 0
+    session.step()
+    np.testing.assert_array_equal(session.data.ctrl, [0.1, 0.2, -0.3, 0.4, 0.5])
+    for bad in (np.zeros(4), np.full(5, np.nan)):
+        with pytest.raises(ValueError, match="expected finite numbers"):
+            session.set_action(bad)
+    assert session.status().action == (0.1, 0.2, -0.3, 0.4, 0.5)
+
+
+def test_weights_of_the_planner_last_over_episodes() -> None:
+    plans = viewer.Plans()
+    with pytest.raises(ValueError, match="no planner acts"):
+        plans.weigh("distance", 1.0)
+    environment = _load("hard", "reacher")
+    session = Session(environment, plans.begin_with("planner", environment), 0, plan=plans.last)
+    session.step()
+    plan = session.status().plan
+    assert plan is not None
+    assert plan.weights["distance"] == 4.0
+    plans.weigh("distance", 0.0)
+    for _ in range(2):
+        session.reset()
+        session.step()
+        plan = session.status().plan
+        assert plan is not None
+        assert plan.terms["distance"] == 0.0
+    with pytest.raises(ValueError, match="weight of 'distance' is -1"):
+        plans.weigh("distance", -1)
+
+
+def test_the_policies_on_offer_are_those_named_and_the_built_in_ones_that_fit() -> None:
+    environment = _load("swimmer6", "swimmer")
+    found = viewer.offered(environment, ["random"])
+    assert list(found) == ["random", "none", "zero", "planner"]  # no bundled policy
+    with pytest.raises(policies.PolicyError, match="pretrained"):
+        viewer.offered(environment, ["pretrained"])

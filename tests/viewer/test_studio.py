@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.viewer.session import Plan, Session
+from limberjack.viewer.session import Session
 
 studio = pytest.importorskip(
     "limberjack.viewer.studio", reason="MuJoCo Studio does not load here", exc_type=ImportError
@@ -254,17 +254,18 @@ def test_settings_are_saved_and_loaded_in_a_file_of_their_own() -> None:
     assert used[-1] == ""  # Studio's own function again
 
 
-def test_a_plan_is_drawn_as_shares_of_its_cost(monkeypatch: pytest.MonkeyPatch) -> None:
-    texts: list[str] = []
-    bars: list[tuple[float, str, str]] = []
-    monkeypatch.setattr(studio.imgui, "SeparatorText", texts.append)
-    monkeypatch.setattr(studio.imgui, "TextWrapped", texts.append)
-    monkeypatch.setattr(studio, "_draw_bar", lambda *bar: bars.append(bar))
-    studio._draw_plan(None)
-    assert texts == []
-    studio._draw_plan(Plan("carry", {"reach": 3.0, "reward": 1.0}))
-    assert texts == ["Plan", "carry"]
-    assert bars == [(0.75, "3.000", "reach"), (0.25, "1.000", "reward")]
-    studio._draw_plan(Plan("", {"reward": 0.0}))
-    assert texts[2:] == ["Plan"]
-    assert bars[2:] == [(0.0, "0.000", "reward")]
+def test_a_wish_from_the_panel_is_applied_paused_or_not(humanoid: _Studio) -> None:
+    humanoid.send(studio._WishEvent(lambda session: session.pause()))
+    assert humanoid.session.paused
+    humanoid.send(studio._WishEvent(lambda session: session.begin(9)))
+    assert humanoid.received(studio._StatusEvent)[-1].status.seed == 9
+    np.testing.assert_array_equal(humanoid.session.data.qpos, humanoid.handle.data.qpos)
+
+
+def test_a_wish_that_cannot_be_granted_ends_nothing(
+    humanoid: _Studio, caplog: pytest.LogCaptureFixture
+) -> None:
+    humanoid.send(studio._WishEvent(lambda session: session.choose("nobody")))
+    assert "no policy is 'nobody'" in caplog.text
+    humanoid.step()
+    assert humanoid.session.status().step == 1

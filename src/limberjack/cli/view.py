@@ -1,7 +1,8 @@
 """`limberjack view`: a task, live, in a browser or a window."""
 
 import contextlib
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
@@ -12,7 +13,6 @@ from limberjack.cli.options import (
     EnvironmentName,
     Faults,
     OptionalDomain,
-    PolicyName,
     Seed,
     TaskName,
     TimeLimit,
@@ -35,13 +35,12 @@ if TYPE_CHECKING:
 
     from limberjack.rl.control import Environment
     from limberjack.viewer import Plans
-    from limberjack.viewer.session import Begin, Session
+    from limberjack.viewer.panel import Worded
+    from limberjack.viewer.session import Begin, Session, Status
 
     Show = Callable[[Session], None]
 
 __all__: list[str] = []
-
-_NO_POLICY = "none"
 
 
 @command(
@@ -54,14 +53,20 @@ def _view(
     domain: OptionalDomain = None,
     task: TaskName = None,
     env: EnvironmentName = None,
-    policy: PolicyName = _NO_POLICY,
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="What acts, as for run, or none; repeat it to choose from several on the page.",
+        ),
+    ] = None,
     seed: Seed = 0,
     time_limit: TimeLimit = None,
     faults: Faults = None,
     appearance: Appearance = None,
     explain: Annotated[
         bool,
-        typer.Option("--explain", help="Show stage and terms of the plans of --policy planner."),
+        typer.Option("--explain", help="Show stage, terms and weights of the planner's plans."),
     ] = False,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     native: Annotated[
@@ -89,22 +94,35 @@ def _view(
     middle of their bounds.
     """
     with misuse_reported():
-        from limberjack.viewer import Plans
+        from limberjack.policies.built_in import PLANNER
+        from limberjack.viewer import Plans, offered
+        from limberjack.viewer.session import NO_POLICY
         from limberjack.workers.factories import factory_of
 
         where = named_environment(domain, task, env, time_limit)
         factory = factory_of(*where, finite(time_limit), world_named(env, faults, appearance))
-        show = _find_viewer(native, host, port, allow_host or [], factory.title)
+        plans = Plans()
+        named = {"--env": env, "--faults": faults, "--appearance": appearance}
+        worded = _command_line((domain, task), named, time_limit, explain)
+        show = _find_viewer(native, host, port, allow_host or [], factory.title, plans, worded)
         environment = _viewable(factory.make(seed))
         with remarks_reported():
-            plans = Plans()
-            begin = _begin(policy, environment, plans if explain else None)
+            names = [*(policy or [NO_POLICY]), *([PLANNER] if explain else [])]
+            for name in names:
+                search_working_directory(name)
+            begins = offered(environment, names, plans if explain else None)
     with contextlib.closing(environment):
-        raise typer.Exit(_show(environment, begin, seed, speed, show, plans))
+        raise typer.Exit(_show(environment, begins, seed, speed, show, plans))
 
 
 def _find_viewer(
-    native: bool, host: str, port: int | None, allow_hosts: list[str], title: str
+    native: bool,
+    host: str,
+    port: int | None,
+    allow_hosts: list[str],
+    title: str,
+    plans: "Plans",
+    worded: "Worded",
 ) -> "Show":
     """The function that shows a session in the chosen viewer."""
     from limberjack import viewer
@@ -115,7 +133,7 @@ def _find_viewer(
     address = find_address(host, port)
     access = Access(address, allow_hosts)
     try:
-        show = viewer.in_browsers(access, title, _print_address)
+        show = viewer.in_browsers(access, title, _print_address, plans.weigh, worded)
     except ImportError as error:
         complain(f"limberjack view {error}; --native needs nothing")
         raise typer.Exit(FAILED) from None
@@ -139,21 +157,33 @@ def _viewable(environment: "dm_env.Environment") -> "Environment":
     return cast("Environment", environment)
 
 
-def _begin(policy: str, environment: "Environment", plans: "Plans | None") -> "Begin":
-    """The function that begins the policy's episodes, whose plans are kept if asked for."""
-    from limberjack import policies, viewer
+def _command_line(
+    task: tuple[str | None, ...],
+    options: Mapping[str, str | None],
+    time_limit: float | None,
+    explain: bool,
+) -> "Worded":
+    """A function that words a status as the command that shows its episode."""
+    given = dict(options)
+    if time_limit is not None:
+        given["--time-limit"] = f"{time_limit:g}"
+    named = [part for part in task if part]
+    others = [part for name, value in given.items() if value is not None for part in (name, value)]
 
-    if plans is not None:
-        return plans.begin_with(policy, environment)
-    if policy == _NO_POLICY:
-        return viewer.begin_with(None)
-    search_working_directory(policy)
-    return viewer.begin_policy(policies.find(policy, environment))
+    def worded(status: "Status") -> str:
+        words = ["limberjack", "view", *named, "--policy", status.policy, *others]
+        if status.seed is not None:
+            words += ["--seed", str(status.seed)]
+        if status.speed != 1:
+            words += ["--speed", f"{status.speed:.3g}"]
+        return shlex.join(words + ["--explain"] * explain)
+
+    return worded
 
 
 def _show(
     environment: "Environment",
-    begin: "Begin",
+    begins: "Mapping[str, Begin]",
     seed: int,
     speed: float,
     show: "Show",
@@ -166,7 +196,7 @@ def _show(
 
     try:
         with misuse_reported():
-            session = Session(environment, begin, seed, speed, plan=plans.last)
+            session = Session(environment, seed=seed, speed=speed, plan=plans.last, policies=begins)
         show(session)
     except KeyboardInterrupt:
         return INTERRUPTED

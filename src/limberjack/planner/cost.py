@@ -27,6 +27,7 @@ makes one.
 import ast
 import importlib
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -127,6 +128,16 @@ class Cost:
                 f"{', '.join(terms)}.{did_you_mean(name, terms)}"
             )
         return {name: self.weights.get(name, 1.0) * term for name, term in terms.items()}
+
+    def weigh(self, name: str, weight: float) -> None:
+        """Gives a term another weight in this cost, from the next planning step on.
+
+        Raises:
+          ValueError: the weight is negative or not finite.
+        """
+        if not (math.isfinite(weight) and weight >= 0):
+            raise ValueError(f"weight of {name!r} is {weight}; expected 0 or a positive number")
+        vars(self)["weights"] = {**self.weights, name: float(weight)}  # the class keeps its own
 
     def terminal(self, physics: AnyPhysics) -> np.ndarray | None:
         """Cost of what follows a plan's horizon, such as a learned value, (N,); None for nothing.

@@ -121,6 +121,11 @@ class Planner:
         """The settings in use."""
         return self._settings
 
+    @property
+    def cost(self) -> Cost:
+        """The cost that plans minimise."""
+        return self._cost
+
     def reset(self) -> None:
         """Discards the current plan, for a new episode."""
         self._cost.reset()

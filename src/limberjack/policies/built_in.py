@@ -6,6 +6,7 @@ actor = policies.find("random")
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import dm_env
 import numpy as np
@@ -17,6 +18,9 @@ from limberjack.policies.networks import PRETRAINED, pretrained
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batches import vectorisable
 from limberjack.utils.sources import hash_of_files
+
+if TYPE_CHECKING:
+    from limberjack.planner import Planner
 
 __all__ = ["BUILT_IN", "PLANNER", "OnPlan", "built_in", "planner", "random", "zero"]
 
@@ -64,6 +68,7 @@ def planner(
     environment: dm_env.Environment | None = None,
     num_threads: int | None = None,
     on_plan: OnPlan | None = None,
+    on_begin: "Callable[[Planner], object] | None" = None,
 ) -> Actor:
     """The planner, which plans from the environment's full state; see `limberjack.planner`.
 
@@ -73,6 +78,7 @@ def planner(
       num_threads: number of threads that simulate; None for all usable cores.
       on_plan: called before each step with the simulated time in seconds, the stage, and the terms
         of the plan's cost.
+      on_begin: called with the `Planner` of each episode.
 
     Raises:
       PolicyError: there is no cost for the environment's task.
@@ -100,6 +106,8 @@ def planner(
             chosen = Planner(plain, num_threads, seed)
         except (TypeError, ValueError) as error:
             raise PolicyError(f"policy {PLANNER!r}: {error}") from error
+        if on_begin is not None:
+            on_begin(chosen)
 
         def act(observation: object) -> np.ndarray:
             action = chosen.act()

@@ -11,7 +11,7 @@ It answers to `dm_control.viewer.launch` too. The command is `limberjack view`.
 import contextlib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from limberjack import policies
 from limberjack.policies.built_in import PLANNER
@@ -19,11 +19,23 @@ from limberjack.rl.builds import takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.access import Access, find_address
-from limberjack.viewer.session import Act, Begin, Plan, Session, Viewed, idle
+from limberjack.viewer.panel import Weigh, Worded
+from limberjack.viewer.session import NO_POLICY, Act, Begin, Plan, Session, Viewed, idle
+
+if TYPE_CHECKING:
+    from limberjack.planner import Planner
 
 # Any: whatever `Session` takes, or a function of a seed or of nothing that makes it.
 _Loader = Any
-__all__ = ["Plans", "begin_policy", "begin_with", "in_browsers", "in_window", "launch"]
+__all__ = [
+    "Plans",
+    "begin_policy",
+    "begin_with",
+    "in_browsers",
+    "in_window",
+    "launch",
+    "offered",
+]
 
 
 def launch(
@@ -72,12 +84,14 @@ def launch(
       TypeError: the environment has no MuJoCo simulation to show.
       ViewerError: there is no display for a window, or Studio does not start.
     """
+    plans = Plans()
     show = (
         in_window()
         if native
-        else in_browsers(Access(find_address(host, port), allow_hosts), title, announce)
+        else in_browsers(
+            Access(find_address(host, port), allow_hosts), title, announce, plans.weigh
+        )
     )
-    plans = Plans()
     begin = plans.begin_with(policy) if explain else begin_with(policy)
     if isinstance(environment_loader, Environment) or not callable(environment_loader):
         _show(show, environment_loader, begin, seed, speed, plans)
@@ -100,16 +114,27 @@ def _show(
 
 
 def in_browsers(
-    access: Access, title: str, announce: Callable[[str], object]
+    access: Access,
+    title: str,
+    announce: Callable[[str], object],
+    weigh: Weigh | None = None,
+    command: Worded | None = None,
 ) -> Callable[[Session], None]:
     """A function that shows a session in browsers; see `limberjack.viewer.studio`.
+
+    Args:
+      access: where to listen, and what to answer.
+      title: of the panel.
+      announce: called with the address.
+      weigh: gives a term of the planner's cost another weight, where plans are shown.
+      command: returns the command line of a status, for the person to copy.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.
     """
     from limberjack.viewer import studio
 
-    return lambda session: studio.run(session, access, title, announce)
+    return lambda session: studio.run(session, access, title, announce, weigh, command)
 
 
 def in_window() -> Callable[[Session], None]:
@@ -157,12 +182,42 @@ def begin_with(policy: Act | str | None) -> Begin:
     return begin
 
 
+def offered(
+    environment: Environment, names: Sequence[str], plans: "Plans | None" = None
+) -> dict[str, Begin]:
+    """The policies that a person can choose from: those named, then the built-in ones that fit.
+
+    Args:
+      environment: the one to act in.
+      names: as in `limberjack.policies`, or 'none'; the first acts first.
+      plans: keeps the planner's plans; None if they are not shown.
+
+    Raises:
+      PolicyError: there is no policy of one of the names, or it does not fit.
+    """
+    found: dict[str, Begin] = {}
+    for name in dict.fromkeys([*names, NO_POLICY, *policies.BUILT_IN]):
+        try:
+            if name == NO_POLICY:
+                found[name] = idle
+            elif name == PLANNER and plans is not None:
+                found[name] = plans.begin_with(name, environment)
+            else:
+                found[name] = begin_policy(policies.find(name, environment))
+        except policies.PolicyError:
+            if name in names:
+                raise
+    return found
+
+
 class Plans:
     """The plans of the policy 'planner' as it makes them, for a session to show."""
 
     def __init__(self) -> None:
         """Nothing has been planned."""
         self._last: Plan | None = None
+        self._planner: Planner | None = None
+        self._weights: dict[str, float] = {}  # that a person has set
 
     def last(self) -> Plan | None:
         """The last plan of this episode."""
@@ -181,7 +236,8 @@ class Plans:
         """
         if policy != PLANNER:
             raise ValueError(f"only plans of the policy 'planner' are explained, not of {policy!r}")
-        begin = begin_policy(policies.planner(environment, on_plan=self._on_plan))
+        actor = policies.planner(environment, on_plan=self._on_plan, on_begin=self._on_begin)
+        begin = begin_policy(actor)
 
         def begin_episode(environment: Environment, seed: int) -> Act:
             self._last = None
@@ -189,8 +245,25 @@ class Plans:
 
         return begin_episode
 
+    def weigh(self, term: str, weight: float) -> None:
+        """Gives a term of the planner's cost another weight, in later episodes too.
+
+        Raises:
+          ValueError: the weight is negative or not finite, or no planner has begun.
+        """
+        if self._planner is None:
+            raise ValueError("no planner acts; choose the policy 'planner' first")
+        self._planner.cost.weigh(term, weight)
+        self._weights[term] = weight
+
+    def _on_begin(self, planner: "Planner") -> None:
+        self._planner = planner
+        for term, weight in self._weights.items():
+            planner.cost.weigh(term, weight)
+
     def _on_plan(self, time: float, stage: str, terms: Mapping[str, float]) -> None:
-        self._last = Plan(stage, terms)
+        assert self._planner is not None  # it has just planned
+        self._last = Plan(stage, terms, self._planner.cost.weights)
 
 
 def begin_policy(actor: policies.Actor) -> Begin:

@@ -5,7 +5,7 @@
 
 `Guard.serve` takes the place of `serve` in MuJoCo Studio, which calls it. A request that is refused
 gets status 403 and a line of text, and reaches nothing of Studio's. A connection that has made no
-permitted request ten seconds after it was opened is closed.
+permitted request ten seconds after it was opened is closed. The page can have an addition.
 
 It imports neither `websockets` nor MuJoCo Studio: it is given both.
 """
@@ -14,6 +14,7 @@ import asyncio
 import concurrent.futures
 import weakref
 from collections.abc import Awaitable, Callable
+from http import HTTPStatus
 from typing import TYPE_CHECKING
 
 from limberjack.viewer.access import Access, Request
@@ -34,6 +35,7 @@ __all__ = ["Guard"]
 _HANDSHAKE_LIMIT = 10.0  # seconds from a connection's start to a request that is permitted
 _DOWNLOAD_LIMIT = 600.0  # seconds; a model of 13 MB at 200 kbit/s
 _LONGEST_MESSAGE = 2**20  # bytes; Studio's own limit, 64 times as much, is for uploads
+_PAGE, _END = "/", b"</body>"
 _SWITCHING = 101  # the status of an answer that opens a WebSocket
 # Other pages can neither read an answer nor show it in a frame; the token stays in the address.
 _HEADERS = {
@@ -47,14 +49,18 @@ _HEADERS = {
 class Guard:
     """One server's checks; see the module's docstring."""
 
-    def __init__(self, access: Access, serve: "_Serve", connect: "_Connect") -> None:
+    def __init__(
+        self, access: Access, serve: "_Serve", connect: "_Connect", addition: bytes = b""
+    ) -> None:
         """Prepares them.
 
         Args:
           access: the rules.
           serve: of `websockets.asyncio.server`.
           connect: its `ServerConnection`.
+          addition: HTML for the end of the page's body.
         """
+        self._addition = addition
         self._access = access
         self._serve = serve
         self._connect = connect
@@ -132,6 +138,10 @@ class Guard:
             headers[name] = value
         if connection not in self._permitted:
             return
+        if request.path.partition("?")[0] == _PAGE and response.status_code == HTTPStatus.OK:
+            response.body = response.body.replace(_END, self._addition + _END)
+            del headers["Content-Length"]
+            headers["Content-Length"] = str(len(response.body))
         cookie = self._access.cookie(_seen(connection, request))
         if cookie is not None:
             headers["Set-Cookie"] = cookie

@@ -1,4 +1,4 @@
-"""`Session`: a viewed environment, without the viewer that shows it.
+"""`Session`: a viewed environment and the policies that may act, without the viewer that shows it.
 
     session = Session(environment, seed=0)
     while someone_watches():
@@ -23,12 +23,27 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.dressing import look_of, materials
+from limberjack.policies import PolicyError
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
 
-__all__ = ["Act", "Begin", "Plan", "Session", "Status", "Viewed", "ViewerError", "idle"]
+__all__ = [
+    "NO_POLICY",
+    "Act",
+    "Actuator",
+    "Begin",
+    "Plan",
+    "Session",
+    "Status",
+    "Viewed",
+    "ViewerError",
+    "idle",
+]
+
+NO_POLICY = "none"  # name of `idle`, whose action a person may set
 
 Act = Callable[[dm_env.TimeStep], object]  # to an action, which the environment checks
 # Any: a `control.Environment`, a wrapper of one or another library's, by its attributes.
@@ -40,6 +55,7 @@ Begin = Callable[[Environment, int], Act]
 _LONGEST_DEBT = 0.1  # seconds; time lost beyond this, as in a slow policy, is not caught up
 _LONGEST_CALL = 1 / 30  # seconds; after this long `advance` lets the viewer show what there is
 _SHOWN = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_MOST_STARTS = 1000  # that are tried for one of a wanted kind; the rarest has a share of 5 %
 
 
 class ViewerError(RuntimeError):
@@ -51,6 +67,15 @@ class Plan(NamedTuple):
 
     stage: str  # name of the cost's stage; empty if it has none
     terms: Mapping[str, float]  # the weighted terms of the plan's cost
+    weights: Mapping[str, float] = {}  # of the terms that have another weight than 1
+
+
+class Actuator(NamedTuple):
+    """An element of an action, as a person sets it."""
+
+    name: str
+    low: float
+    high: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +95,8 @@ class Status:
     paused: bool
     speed: float
     note: str  # an event that the person watching should know of, such as a diverged simulation
+    policy: str = NO_POLICY  # the name of the one that acts
+    action: tuple[float, ...] = ()  # that a person has set, where no policy acts
     plan: Plan | None = None  # the last one, where plans are shown
 
 
@@ -92,6 +119,7 @@ class Session:
         speed: float = 1.0,
         clock: Callable[[], float] = time.perf_counter,
         plan: Callable[[], Plan | None] = lambda: None,
+        policies: Mapping[str, Begin] | None = None,
     ) -> None:
         """Begins the first episode.
 
@@ -103,6 +131,7 @@ class Session:
           speed: simulated seconds per second.
           clock: returns the time in seconds.
           plan: returns the policy's last plan in this episode.
+          policies: by name, in the place of `begin`; the first acts until another one is chosen.
 
         Raises:
           TypeError: the environment has no MuJoCo simulation to show.
@@ -119,7 +148,9 @@ class Session:
                 f"{type(environment).__name__} has no method reseed; pass the seed to its "
                 "constructor, and none here"
             )
-        self._begin = begin
+        self._policies = dict(policies or {NO_POLICY if begin is idle else "policy": begin})
+        self._policy = next(iter(self._policies))
+        self._action: np.ndarray | None = None  # that a person has set
         self._seed = seed
         self._clock = clock
         self._plan = plan
@@ -166,7 +197,7 @@ class Session:
         if self._is_over:
             self._begin_episode()
             return
-        action = self._act(self._time_step)
+        action = self._chosen_action()
         self._apply_push()
         try:
             self._time_step = self._environment.step(action)
@@ -183,6 +214,66 @@ class Session:
     def reset(self) -> None:
         """Begins the next episode now, with a new seed."""
         self._begin_episode()
+
+    def begin(self, seed: int) -> None:
+        """Begins the episode of a seed now; the next ones have those after it.
+
+        Raises:
+          ValueError: the seed is out of range, or this session has no seeds.
+        """
+        seed = checked_seed(seed)
+        if self._seed is None:
+            raise ValueError("the session continues a random stream; it has no seeds to choose")
+        self._seed = seed - self._episodes
+        self._begin_episode()
+
+    def begin_kind(self, kind: str) -> None:
+        """Begins the next episode now, with the next start of a kind.
+
+        Raises:
+          ValueError: the task has no such kind, or none was found; an episode has begun anyway.
+        """
+        if kind not in self.kinds:
+            raise ValueError(f"no kind of start is {kind!r}; expected one of {self.kinds}")
+        for _ in range(_MOST_STARTS):
+            self._begin_start()
+            if self._start == kind:
+                break
+            self._episodes -= 1
+            if self._seed is not None:
+                self._seed += 1
+        self._complete_start()
+        if self._start != kind:
+            raise ValueError(f"none of {_MOST_STARTS} starts was of the kind {kind!r}")
+
+    def choose(self, policy: str) -> None:
+        """Lets another policy act from this state on, and begin the next episodes.
+
+        A policy that cannot act here is reported in the status, and the one before goes on.
+
+        Raises:
+          ValueError: none of `policies` has that name.
+        """
+        if policy not in self._policies:
+            raise ValueError(f"no policy is {policy!r}; expected one of {self.policies}")
+        before, act = self._policy, self._act
+        self._policy = policy
+        try:
+            self._begin_policy()
+        except PolicyError as error:
+            self._policy, self._act, self._note = before, act, str(error)
+
+    def set_action(self, action: np.ndarray) -> None:
+        """Acts with this action where no policy does.
+
+        Raises:
+          ValueError: it has another shape than the actions, or is not finite.
+        """
+        action = np.array(action, float)
+        shape = self._environment.action_spec().shape
+        if action.shape != shape or not np.isfinite(action).all():
+            raise ValueError(f"action is {action.tolist()}; expected finite numbers, {shape}")
+        self._action = action
 
     def pause(self, paused: bool = True) -> None:
         """Stops the clock, or continues it."""
@@ -218,6 +309,35 @@ class Session:
         self._push = forces
 
     # Shown by the viewer.
+
+    @property
+    def policies(self) -> tuple[str, ...]:
+        """The names of all policies."""
+        return tuple(self._policies)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of starts that the task distinguishes."""
+        return tuple(getattr(self._task, "STARTS", ()))
+
+    @property
+    def is_seeded(self) -> bool:
+        """Whether episodes have seeds."""
+        return self._seed is not None
+
+    def actuators(self) -> tuple[Actuator, ...]:
+        """The elements of an action; empty where it is no vector."""
+        spec = self._environment.action_spec()
+        if len(spec.shape) != 1:
+            return ()
+        low, high = bounds_to_try(spec)
+        model = self.model
+        known = model.nu == spec.shape[0]
+        names = [model.actuator(i).name if known else "" for i in range(spec.shape[0])]
+        return tuple(
+            Actuator(name or f"action {number}", float(low[number]), float(high[number]))
+            for number, name in enumerate(names)
+        )
 
     @property
     def paused(self) -> bool:
@@ -307,6 +427,8 @@ class Session:
             paused=self._paused,
             speed=self._speed,
             note=self._ending or self._note,
+            policy=self._policy,
+            action=self._shown_action(),
             plan=self._plan(),
         )
 
@@ -320,9 +442,36 @@ class Session:
         except NotImplementedError:
             return {}
 
+    def _shown_action(self) -> tuple[float, ...]:
+        if self._policy != NO_POLICY:
+            return ()
+        return tuple(float(value) for value in np.ravel(np.asarray(self._chosen_action())))
+
+    def _chosen_action(self) -> object:
+        """The policy's action, or that of the person where there is no policy."""
+        if self._policy == NO_POLICY and self._action is not None:
+            return self._action.copy()
+        return self._act(self._time_step)
+
     # Episodes.
 
     def _begin_episode(self) -> None:
+        """Begins an episode with its start and the policy."""
+        self._begin_start()
+        self._complete_start()
+
+    def _complete_start(self) -> None:
+        self._begin_policy()
+        self._is_over = False
+        self._note_model()
+
+    def _begin_policy(self) -> None:
+        """Begins the policy in this state."""
+        seed = self._episodes - 1 if self._episode_seed is None else self._episode_seed
+        self._act = self._policies[self._policy](self._environment, seed)
+
+    def _begin_start(self) -> None:
+        """Begins an episode without a policy; `_complete_start` must follow."""
         environment = self._environment
         self._is_over = True  # until the start is complete
         self._episode_seed = None
@@ -332,14 +481,10 @@ class Session:
         self._episodes += 1
         self._time_step = environment.reset()
         self._start = kind_of_start(environment) if self._task is not None else None
-        policy_seed = self._episodes - 1 if self._episode_seed is None else self._episode_seed
-        self._act = self._begin(environment, policy_seed)
         self._steps = 0
         self._reward: float | None = None
         self._total = 0.0
         self._note, self._ending = self._ending, ""
-        self._is_over = False
-        self._note_model()
 
     def _note_model(self) -> None:
         """Notices whether the start has changed the model, by its bytes."""

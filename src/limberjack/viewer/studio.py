@@ -29,7 +29,8 @@ import mujoco
 from limberjack.utils.log import log
 from limberjack.viewer.access import Access
 from limberjack.viewer.guard import Guard
-from limberjack.viewer.session import Plan, Session, Status, ViewerError
+from limberjack.viewer.panel import Panel, Weigh, Wish, Worded
+from limberjack.viewer.session import Session, Status, ViewerError
 
 try:
     from mujoco.studio import (
@@ -44,6 +45,7 @@ try:
         web_viewer,
     )
     from mujoco.studio.dear_imgui import dear_imgui as imgui
+    from mujoco.studio.implot import implot
     from mujoco.studio.web import web_server
 except ImportError as error:
     raise ImportError(f"needs MuJoCo Studio, which cannot be imported: {error}") from error
@@ -52,10 +54,10 @@ __all__ = ["run"]
 
 _OfStudio = Any  # an object of MuJoCo Studio, which is not typed
 
+_RECORDER = Path(__file__).with_name("recorder.html")
 _BREATH = 0.002  # seconds between two readings of the clock; other threads draw meanwhile
 _START_LIMIT = 60.0  # seconds that Studio may take to start
 _GUARD_LIMIT = 30.0  # seconds that its server may take to listen; it takes milliseconds
-_PANEL = (16.0, 48.0, 320.0, 360.0)  # left, top, width, height; pixels
 # Functions of Studio that read or write a file of its user.
 _SETTINGS = ("load_settings", "load_theme", "reset_config", "save_settings")
 
@@ -65,21 +67,25 @@ def run(
     access: Access,
     title: str = "limberjack",
     announce: Callable[[str], object] | None = None,
+    weigh: Weigh | None = None,
+    command: Worded | None = None,
 ) -> None:
     """Shows a session in browsers until Quit is chosen in one.
 
     Args:
       session: begun; it is stepped in this thread.
       access: where to listen, and what to answer.
-      title: of the panel with the reward.
+      title: of the panel.
       announce: called with the address and its token, once a browser can open it.
+      weigh: changes a weight of the planner's cost, where plans are shown.
+      command: returns the command line of a status.
 
     Raises:
       ViewerError: Studio does not start, or the port is in use.
       KeyboardInterrupt: Ctrl-C was pressed; everything is closed.
       Exception: what the policy, the task or the environment raised.
     """
-    panel = _Panel(title)
+    panel = _Panel(session, title, weigh, command)
     with _listening(access) as sock, _private_settings(ux):
         shown = app.App(app.Config(show_options=False, show_inspector=False))
         plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
@@ -134,6 +140,13 @@ class _StatusEvent(messages.Event):
     status: Status
 
 
+@dataclasses.dataclass(frozen=True)
+class _WishEvent(messages.Event):
+    """A wish of the person at the panel."""
+
+    wish: Wish
+
+
 class _Loop(plugin.SimPlugin):
     """Steps the session, in the thread that called `run`."""
 
@@ -169,6 +182,15 @@ class _Loop(plugin.SimPlugin):
                     pause_state=_pause_state(status.paused), speed=100.0 * status.speed
                 )
             )
+
+    @messages.handler
+    def on_wish(self, event: _WishEvent) -> None:
+        """A wish from the panel; one that cannot be granted is logged, and nothing changes."""
+        try:
+            event.wish(self._session)
+        except ValueError as error:
+            log.warning("%s", error)
+        self._has_changed = True
 
     @messages.handler
     def on_step_control(self, event: messages.StepControlSnapshot) -> bool:
@@ -241,12 +263,17 @@ class _Loop(plugin.SimPlugin):
 
 
 class _Panel(plugin.ViewerPlugin):
-    """Shows the reward and its terms, in Studio's thread."""
+    """Shows the panel, in Studio's thread."""
 
-    def __init__(self, title: str) -> None:
+    def __init__(
+        self, session: Session, title: str, weigh: Weigh | None, command: Worded | None
+    ) -> None:
         self.is_ready = threading.Event()
-        self._title = title
-        self._status: Status | None = None
+        self._panel = Panel(title, session, self._send, imgui, implot, weigh, command)
+
+    def _send(self, wish: Wish) -> None:
+        """Lets the thread that steps the session apply a wish."""
+        self.viewer.send_to_sim(_WishEvent(wish))
 
     @messages.handler
     def on_init(self, event: plugin.ViewerInitEvent) -> None:
@@ -256,78 +283,12 @@ class _Panel(plugin.ViewerPlugin):
     @messages.handler
     def on_status(self, event: _StatusEvent) -> None:
         """Keeps the status to show."""
-        self._status = event.status
+        self._panel.show(event.status)
 
     @messages.handler
     def on_build_gui(self, event: messages.BuildGuiEvent) -> None:
         """Draws the panel, again for each frame."""
-        left, top, width, height = _PANEL
-        first = int(imgui.Cond.FirstUseEver)
-        imgui.SetNextWindowPos(imgui.Vec2(left, top), first)
-        imgui.SetNextWindowSize(imgui.Vec2(width, height), first)
-        is_open, _ = imgui.Begin(self._title)
-        if is_open and self._status is not None:
-            self._draw_buttons(self._status)
-            _draw_episode(self._status)
-            _draw_reward(self._status)
-            _draw_plan(self._status.plan)
-        imgui.End()
-
-    def _draw_buttons(self, status: Status) -> None:
-        if imgui.Button("Run" if status.paused else "Pause"):
-            self.viewer.send_to_sim(messages.RequestPauseEvent(_pause_state(not status.paused)))
-        imgui.SetItemTooltip("Space")
-        imgui.SameLine()
-        if imgui.Button("Step"):
-            self.viewer.send_to_sim(messages.RequestPauseEvent(_pause_state(True)))
-            self.viewer.send_to_sim(messages.SingleStepEvent())
-        imgui.SetItemTooltip("One control step; right arrow while paused")
-        imgui.SameLine()
-        if imgui.Button("Reset"):
-            self.viewer.send_to_sim(messages.ResetEvent(key=-1))
-        imgui.SetItemTooltip("The next episode, with a new seed; backspace")
-
-
-def _draw_episode(status: Status) -> None:
-    seed = "" if status.seed is None else f", seed {status.seed}"
-    start = "" if status.start is None else f", {status.start}"
-    limit = "" if status.step_limit is None else f" of {status.step_limit}"
-    speed = "paused" if status.paused else f"{status.speed:g} x real time"
-    imgui.TextUnformatted(f"episode {status.episode}{seed}{start}")
-    imgui.TextUnformatted(f"step {status.step}{limit}, {status.time:.2f} s, {speed}")
-    if status.note:
-        imgui.TextWrapped(status.note)
-
-
-def _draw_reward(status: Status) -> None:
-    reward = "-" if status.reward is None else f"{status.reward:.3f}"
-    imgui.SeparatorText("Reward")
-    imgui.TextUnformatted(f"return {status.total:.2f}")
-    _draw_bar(status.reward or 0.0, reward, "reward")
-    if status.terms:
-        imgui.SeparatorText("Terms")
-    for name, value in status.terms.items():
-        _draw_bar(value, f"{value:.3f}", name)
-    if status.success is not None:
-        imgui.TextUnformatted("goal reached" if status.success else "goal not reached")
-
-
-def _draw_plan(plan: Plan | None) -> None:
-    """The stage, and each term's share of the cost."""
-    if plan is None:
-        return
-    imgui.SeparatorText("Plan")
-    if plan.stage:
-        imgui.TextWrapped(plan.stage)
-    total = sum(abs(value) for value in plan.terms.values()) or 1.0
-    for name, value in plan.terms.items():
-        _draw_bar(abs(value) / total, f"{value:.3f}", name)
-
-
-def _draw_bar(value: float, text: str, name: str) -> None:
-    imgui.ProgressBar(min(max(value, 0.0), 1.0), imgui.Vec2(_PANEL[2] / 2, 0.0), text)
-    imgui.SameLine()
-    imgui.TextUnformatted(name)
+        self._panel.draw()
 
 
 def _pause_state(paused: bool) -> _OfStudio:
@@ -366,7 +327,8 @@ class _WebViewer(web_viewer.WebViewer):
 
     def _start_server(self) -> None:
         """Starts the server with the guard in it; without it, the viewer closes."""
-        guard = Guard(self._access, web_server.serve, web_server.ServerConnection)
+        addition = _RECORDER.read_bytes()
+        guard = Guard(self._access, web_server.serve, web_server.ServerConnection, addition)
         try:
             with _replaced(web_server, "serve", guard.serve):
                 super()._start_server()
