@@ -6,7 +6,7 @@
         ...
 
 MuJoCo reports a lack of memory in several ways: as `FatalError`, as `ValueError` when it compiles a
-model, and as a `RuntimeError` about an unknown exception.
+model, and as a `RuntimeError` about an unknown exception. A mapping of memory raises `OSError`.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ def allocating(what: str, size: int) -> Iterator[None]:
     """
     try:
         yield
-    except (mujoco.FatalError, ValueError, RuntimeError, MemoryError) as error:
+    except (mujoco.FatalError, ValueError, RuntimeError, OSError, MemoryError) as error:
         if not isinstance(error, MemoryError) and not any(sign in str(error) for sign in _SIGNS):
             raise
         raise MemoryError(

@@ -1,6 +1,7 @@
 """Tests of limberjack.mujoco.wrapper.textures."""
 
 import copy
+import tracemalloc
 
 import mujoco
 import mujoco.batch
@@ -129,3 +130,16 @@ def test_a_model_with_another_layout_gets_no_other_textures(
     monkeypatch.setattr(textures, "_SIZE", np.dtype("i4"))
     with pytest.raises(RuntimeError, match="keeps textures in another place"):
         with_textures(_model(("walker", "walk")), {0: np.zeros((8, 8, 3), np.uint8)})
+
+
+def test_no_copy_of_the_textures_remains_in_the_heap() -> None:
+    # Blocks of the size of a sky fragment the heap: 51 tasks in one batch then take 30 MB more.
+    model = _model(("reacher", "easy"))
+    tracemalloc.start()
+    try:
+        light = without_textures(model)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert light is not model
+    assert peak < 0.1 * model.ntexdata

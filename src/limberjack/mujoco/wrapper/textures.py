@@ -14,6 +14,7 @@ MuJoCo, `without_textures` returns the model unchanged, which only costs memory,
 raises.
 """
 
+import mmap
 from collections.abc import Mapping
 
 import mujoco
@@ -89,7 +90,10 @@ def _replaced(
     model: mujoco.MjModel, fields: Mapping[str, np.ndarray], pixels: bytes
 ) -> mujoco.MjModel | None:
     """A copy with other textures; None if they are not where expected."""
-    binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    size = mujoco.mj_sizeModel(model)
+    with allocating("a copy of the model in binary format", size):
+        # Mapped memory returns to the system; blocks of this size would fragment the heap.
+        binary = np.frombuffer(mmap.mmap(-1, size), np.uint8)
     mujoco.mj_saveModel(model, None, binary)
     changed = _spliced(binary, model, fields, pixels)
     if changed is None:
