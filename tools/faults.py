@@ -865,8 +865,18 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self.shown(row).render(**kwargs)\n        return",
             "self.shown(numbers[0]).render(**kwargs)\n        return",
         ),
-        ("        self._take_fields(self.textured, row)\n", ""),
-        ("        self._take_fields(one, row)\n", ""),
+        (
+            "        self._take_fields(one, row)\n        one.simulation.load",
+            "        one.simulation.load",
+        ),
+        ("        self._take_fields(one, row)\n        with", "        with"),
+        ("shown[number % len(shown)]", "shown[0]"),
+        (
+            "        finally:  # after an error",
+            "        except ZeroDivisionError:  # after an error",
+        ),
+        ("self.textured.can_render_in_parts and not calls", "not calls"),
+        ("self.textured.can_render_in_parts and not calls", "self.textured.can_render_in_parts"),
     ],
     "mujoco/rows_view.py": [
         (

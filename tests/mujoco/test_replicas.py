@@ -2,13 +2,15 @@
 
 import functools
 import os
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
 
-from limberjack.mujoco import Physics
+from limberjack.mujoco import Physics, rendering
 from limberjack.mujoco.simulation import STATE
+from limberjack.rl.contract import PhysicsError
 
 from .furnished import SIZE, furnished
 
@@ -208,6 +210,81 @@ def test_each_row_is_drawn_with_its_own_terrain_in_each_episode() -> None:
         assert (pictures[0] != pictures[1]).any()
 
 
+@_draws
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_pictures_do_not_depend_on_the_number_of_rendering_threads(
+    threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rendering, "num_threads", lambda: threads)
+    rows = furnished().replicate(7, 1, ("hfield_data", "geom_rgba"))
+    for row in range(7):
+        with rows.episode(row) as one:
+            one.model.hfield_data[:] = np.random.RandomState(row).uniform(size=9)
+            one.model.geom_rgba[:, 0] = 0.1 * row
+            one.named.data.qpos["hinge"] = 0.4 * row
+    rows.start(np.arange(7))
+    several: list[dict[str, Any]] = [{}, {"depth": True}, {"segmentation": True}]
+    for how in ({**SIZE, "camera_id": "wall", **one} for one in several):
+        expected = [rows.shown(row).render(**how) for row in range(7)]
+        assert len({picture.tobytes() for picture in expected}) == 7
+        for numbers in (None, np.array([6, 1, 1, 3]), np.array([2])):
+            chosen = range(7) if numbers is None else numbers
+            pictures = rows.render_rows(numbers, **how)
+            np.testing.assert_array_equal(pictures, [expected[row] for row in chosen])
+
+
+@_draws
+def test_an_error_in_one_row_ends_the_pictures_of_the_others_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rows = furnished().replicate(5, 1, ())
+    rows.start(np.arange(5))
+    expected = rows.render_rows(None, **SIZE)
+    under_way: list[Any] = []
+    begin = Physics.begin_render
+
+    def recorded(one: Any, *given: Any) -> Any:
+        under_way.append(begin(one, *given))
+        return under_way[-1]
+
+    monkeypatch.setattr(Physics, "begin_render", recorded)
+    rows.simulation.state[3, 1] = np.nan
+    with pytest.raises(PhysicsError):
+        rows.render_rows(None, **SIZE)
+    assert [drawing.gi_frame for drawing in under_way] == [None, None]  # all have ended
+    rows.simulation.state[3] = rows.simulation.state[2]
+    np.testing.assert_array_equal(rows.render_rows(None, **SIZE), expected)
+
+
+class _Framed(_Pole):
+    def render(self, *args: Any, **kwargs: Any) -> np.ndarray:
+        return np.full((2, 2, 3), self.data.qpos[0] * 10)
+
+
+def test_rows_of_a_physics_with_its_own_pictures_are_drawn_by_it() -> None:
+    rows = _Framed.from_xml_string(_XML).replicate(4, 1)
+    rows.simulation.state[:, 1] = [0.0, 0.1, 0.2, 0.3]
+    assert rows.render_rows(None)[:, 0, 0, 0].tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+@_draws
+def test_a_users_function_sees_one_row_after_the_other() -> None:
+    rows = furnished().replicate(4, 1, ())
+    for row in range(4):
+        with rows.episode(row) as one:
+            one.named.data.qpos["hinge"] = 0.4 * row
+    rows.start(np.arange(4))
+    seen: list[Any] = []
+
+    def look(physics: Any, _: Any) -> None:
+        assert physics is rows.textured
+        assert threading.current_thread() is threading.main_thread()
+        seen.append(physics.named.data.qpos["hinge"].item())
+
+    rows.render_rows(None, **SIZE, scene_callback=look)
+    assert seen == pytest.approx([0.0, 0.4, 0.8, 1.2])
+
+
 def test_pictures_of_no_row_have_their_shape_and_need_no_drawing() -> None:
     rows = furnished().replicate(2, 1, ())
     none = np.empty(0, int)
@@ -221,7 +298,11 @@ def test_pictures_of_no_row_have_their_shape_and_need_no_drawing() -> None:
 
 def test_the_physics_of_replicas_that_are_freed_is_closed() -> None:
     rows, _ = _pair()
-    every = rows.physics, rows.single, rows.textured
+    every = [rows.physics, rows.single, rows.textured]
+    if os.environ.get("MUJOCO_GL") != "disable":
+        rows.render_rows(None, height=8, width=8)
+        every += rows._also_shown
+        assert len(every) > 3
     rows.free()
     rows.free()
     for physics in every:

@@ -14,15 +14,15 @@ import inspect
 import operator
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple, Protocol, TypeVar
+from collections.abc import Callable, Generator, Iterable, Mapping
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco.dressing import behind, dress, flags_for, look_of, staged
 from limberjack.mujoco.pictures import Contents, Overlay, Style, draw, finished
-from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
+from limberjack.mujoco.rendering import Contexts, Pending, RenderingError, contexts, prepare
 from limberjack.mujoco.wrapper import MjData, MjModel, MjvCamera, MjvOption, MjvScene
 from limberjack.mujoco.wrapper.util import to_binary_string
 from limberjack.mujoco.wrapper.visual import RenderFlag
@@ -34,14 +34,17 @@ __all__ = [
     "CameraMatrices",
     "Contexts",
     "Drawable",
+    "Drawing",
     "MovableCamera",
     "Pose",
     "RenderingError",
     "SceneCallback",
     "Selected",
     "TextOverlay",
+    "begin_render",
     "check_names",
     "checked_size",
+    "completed",
     "contexts",
     "picture_spec",
     "render",
@@ -49,6 +52,8 @@ __all__ = [
 ]
 
 _T = TypeVar("_T")
+# A picture in two steps: yields the call that draws it, and returns the picture.
+Drawing = Generator[Pending[np.ndarray], None, np.ndarray]
 # Called with the physics and the scene.
 SceneCallback = Callable[..., None]
 
@@ -249,7 +254,8 @@ class Camera:
         size = self._height, self._width
         with self._lock:
             contents = self._contents(scene_option)
-            return _drawn(self._physics, self._scene, style, size, contents, self._scene_callback)
+            what = self._scene, style, size, contents, self._scene_callback
+            return completed(_drawing(self._physics, *what))
 
     def select(self, cursor_position: tuple[float, float]) -> Selected:
         """Objects visible at a point of the picture.
@@ -431,6 +437,49 @@ def render(
     size = checked_size(physics, height, width)
     view = view_of(physics, camera_id)
     style = Style.of(overlays, depth, segmentation, render_flag_overrides, quality)
+    return completed(_as_new(physics, size, view, style, scene_option, scene_callback))
+
+
+# Any: each keyword of `render` has its own type.
+def begin_render(physics: Drawable, given: Mapping[str, Any], thread: int) -> Drawing:
+    """The picture that `render` returns, in two steps, drawn on one of several threads.
+
+        drawing = begin_render(physics, {"quality": "fast"}, thread=1)
+        next(drawing).start()
+        ...                              # the physics must not change
+        picture = completed(drawing)
+
+    Args:
+      physics: the simulation to draw.
+      given: keyword arguments of `render`.
+      thread: number of the rendering thread; see `rendering.prepare`.
+    """
+    how = {**_KEYWORDS, **given}
+    size = checked_size(physics, how["height"], how["width"])
+    style = Style.of(**{name: how[name] for name in _OF_STYLE})
+    what = view_of(physics, how["camera_id"]), style, how["scene_option"], how["scene_callback"]
+    return _as_new(physics, size, *what, thread)
+
+
+def completed(drawing: Drawing) -> np.ndarray:
+    """The picture of a drawing, as soon as there is one."""
+    while True:
+        try:
+            next(drawing)
+        except StopIteration as end:
+            return end.value
+
+
+def _as_new(
+    physics: Drawable,
+    size: tuple[int, int],
+    view: MjvCamera,
+    style: Style,
+    scene_option: mujoco.MjvOption | None,
+    scene_callback: SceneCallback | None,
+    thread: int = 0,
+) -> Drawing:
+    """The picture of a new camera, whose scene may be one that was used before."""
     model = physics.model._model
     spares = _spare_scenes.setdefault(model, [])
     # A callback may keep the scene or change it permanently, and flexes and skins hidden by an
@@ -440,7 +489,7 @@ def render(
     )
     scene = _renewed(spares.pop()) if spares and is_reusable else MjvScene(model=physics.model)
     contents = _contents(physics, view, scene_option or _DEFAULT_OPTION)
-    picture = _drawn(physics, scene, style, size, contents, scene_callback)
+    picture = yield from _drawing(physics, scene, style, size, contents, scene_callback, thread)
     if is_reusable and len(spares) < _MOST_SPARE_SCENES:
         spares.append(scene)
     return picture
@@ -487,14 +536,15 @@ def picture_spec(
     return (*size, 3), np.dtype(np.uint8)
 
 
-def _drawn(
+def _drawing(
     physics: Drawable,
     scene: MjvScene,
     style: Style,
     size: tuple[int, int],
     contents: Contents | None,
     callback: SceneCallback | None,
-) -> np.ndarray:
+    thread: int = 0,
+) -> Drawing:
     """A picture of a scene, which is updated first; a callback runs in the caller's thread."""
     model, look = physics.model._model, look_of(physics)
     stage, flags = None, style.flags
@@ -514,7 +564,13 @@ def _drawn(
     with scene.override_flags(flags):
         what = scene, style, *size, contents
         drawn = stage or model
-        raw = call(drawn, draw, *what, size=size, may_have_changed=is_new or drawn is stage)
+        is_new = is_new or drawn is stage
+        pending = prepare(drawn, draw, *what, size=size, may_have_changed=is_new, thread=thread)
+        try:
+            yield pending
+            raw = pending.result()
+        finally:  # also if the drawing is closed
+            pending.settle()
     picture = finished(raw, style, model, scene)
     return behind(look, picture, data.time) if look and style.is_rgb else picture
 

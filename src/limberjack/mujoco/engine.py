@@ -520,7 +520,17 @@ class Physics(_control.Physics):
         how = scene_option, render_flag_overrides, scene_callback, quality
         return camera.render(self, *what, *how)
 
+    @property
+    def can_render_in_parts(self) -> bool:
+        """Whether `begin_render` equals `render`: no subclass or user has replaced that."""
+        return type(self).render is Physics.render and "render" not in vars(self)
+
     # Any: each keyword of `render` has its own type.
+    def begin_render(self, given: Mapping[str, Any], thread: int) -> camera.Drawing:
+        """The picture of `render(**given)` in two steps; see `camera.begin_render`."""
+        return camera.begin_render(self, given, thread)
+
+    # Any: as above.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
         """A picture of a single simulation as its only row, (1, height, width, ...)."""
         return self.render(**kwargs)[None]

@@ -13,6 +13,7 @@ batch axis. `single` is a single simulation of the same model without textures; 
 rows are initialised in it, one after the other.
 """
 
+import collections
 import contextlib
 import functools
 import weakref
@@ -22,8 +23,9 @@ from typing import Any, Generic, NoReturn, Protocol, Self, TypeVar
 import mujoco
 import numpy as np
 
+from limberjack.mujoco import rendering
 from limberjack.mujoco.batch_simulation import BatchSimulation, check_callbacks
-from limberjack.mujoco.camera import check_names
+from limberjack.mujoco.camera import Drawing, check_names, completed
 from limberjack.mujoco.simulation import STATE, Call, Fields, Rows, read_field
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.rl.contract import PhysicsError, SimulatedPhysics
@@ -44,6 +46,12 @@ class _Physics(SimulatedPhysics, Protocol):
     def reset(self) -> None: ...
 
     def render(self) -> np.ndarray: ...
+
+    @property
+    def can_render_in_parts(self) -> bool: ...
+
+    # Any: as of `Physics.render`
+    def begin_render(self, given: Mapping[str, Any], thread: int) -> Drawing: ...
 
     def free(self) -> None: ...
 
@@ -77,6 +85,7 @@ class Replicas(Generic[_P]):
         self.looks: Looks | None = None  # with which rows are drawn; None for that of the model
         self.physics: _P = physics.seen_through(simulation)
         self.single: _P = type(physics).from_model(model.without_textures())
+        self._also_shown: list[_P] = []  # like `textured`, for several pictures at once
         for each in (self.physics, self.single):
             self._set_up(each, physics)
         simulation.forget_arrays = weakref.WeakMethod(self.physics._forget_arrays)
@@ -84,6 +93,9 @@ class Replicas(Generic[_P]):
     @functools.cached_property
     def textured(self) -> _P:
         """Like `single` but with textures, for pictures and for further replication."""
+        return self._new_textured()
+
+    def _new_textured(self) -> _P:
         one = type(self.single).from_model(self.simulation.model.copy())
         self._set_up(one, self.single)
         return one
@@ -168,9 +180,41 @@ class Replicas(Generic[_P]):
         first = self.shown(numbers[0]).render(**kwargs)
         pictures = np.empty((len(numbers), *first.shape), first.dtype)
         pictures[0] = first
+        # Functions of users are called for one row after the other.
+        calls = any(kwargs.get(name) for name in ("overlays", "scene_callback"))
+        if len(numbers) > 1 and self.textured.can_render_in_parts and not calls:
+            self._draw_at_once(numbers[1:], kwargs, pictures[1:])
+            return pictures
         for picture, row in zip(pictures[1:], numbers[1:], strict=True):
             picture[...] = self.shown(row).render(**kwargs)
         return pictures
+
+    # Any: as of `Physics.render`
+    def _draw_at_once(
+        self, rows: Sequence[int], kwargs: Mapping[str, Any], pictures: np.ndarray
+    ) -> None:
+        """Draws rows on all rendering threads while this thread prepares the next one.
+
+        Each picture under way has a single simulation to itself until it is complete.
+        """
+        threads = rendering.num_threads()
+        ahead = min(threads, len(rows) - 1)  # rows that are prepared while one is drawn
+        while len(self._also_shown) < ahead:
+            self._also_shown.append(self._new_textured())
+        shown = (self.textured, *self._also_shown[:ahead])
+        under_way: collections.deque[tuple[np.ndarray, Drawing]] = collections.deque()
+        try:
+            for number, (picture, row) in enumerate(zip(pictures, rows, strict=True)):
+                if len(under_way) == len(shown):
+                    _complete_first(under_way)
+                one = self._show(row, shown[number % len(shown)])
+                under_way.append((picture, one.begin_render(kwargs, number % threads)))
+                next(under_way[-1][1]).start()
+            while under_way:
+                _complete_first(under_way)
+        finally:  # after an error or an interrupt, the rest is cancelled
+            for _, drawing in under_way:
+                drawing.close()
 
     def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of a row's picture; see `camera.picture_spec`."""
@@ -178,16 +222,22 @@ class Replicas(Generic[_P]):
 
     def shown(self, row: int) -> _P:
         """A single simulation that looks like a row, valid until the next call."""
-        self._take_fields(self.textured, row)
-        self.textured.simulation.load(self.simulation.seen(row))
-        self.textured.simulation.look = None if self.looks is None else self.looks.of(row)
-        return self.textured
+        return self._show(row, self.textured)
+
+    def _show(self, row: int, one: _P) -> _P:
+        """The single simulation `one`, which from now on looks like the row."""
+        self._take_fields(one, row)
+        one.simulation.load(self.simulation.seen(row))
+        one.simulation.look = None if self.looks is None else self.looks.of(row)
+        return one
 
     def free(self) -> None:
         """Frees the simulations; afterwards only `free` itself may be called."""
         for name in ("physics", "single", "textured"):
             if name in vars(self):
                 vars(self)[name].free()
+        for one in vars(self).get("_also_shown", ()):
+            one.free()
         vars(self).clear()
 
     def __getattr__(self, name: str) -> NoReturn:
@@ -200,3 +250,10 @@ class Replicas(Generic[_P]):
         own = self.simulation.own_fields
         if own:
             one.simulation.set_fields({name: values[row] for name, values in own.items()})
+
+
+def _complete_first(under_way: collections.deque[tuple[np.ndarray, Drawing]]) -> None:
+    """Writes the picture that was begun first, and removes its drawing."""
+    picture, drawing = under_way[0]
+    picture[...] = completed(drawing)
+    under_way.popleft()
