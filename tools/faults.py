@@ -150,7 +150,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            simulation.load(saved, rows)\n        s", "            pass\n        s"),
         ("        self.diverged, self._has_observed = diverged, has_observed\n", ""),
         (
-            'self._memory.during("before_step", physics, stepped)',
+            'self._memory.during("before_step", physics, rows)',
             'self._memory.during("before_step", physics)',
         ),
         (
