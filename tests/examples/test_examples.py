@@ -37,6 +37,7 @@ _NEEDS = {
     "behaviour_cloning": (("pyarrow", "torch"), "torch"),
     "dataset_pytorch": (("pyarrow", "torch"), "torch"),
     "offline_iql": (("pyarrow", "torch", "torchrl"), "torchrl"),
+    "drq": (("pyarrow", "torch"), "torch"),
     "sb3_crossq": (("sb3_contrib", "stable_baselines3"), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
     "rsl_rl_ppo": (("mujoco_warp", "torch", "rsl_rl"), "rsl-rl"),
@@ -195,6 +196,29 @@ def test_sb3_crossq(tmp_path: Path) -> None:
     task, policy = ("reacher", "easy"), ("--policy", f"sb3:{out}", "--action-repeat", "2")
     played = _printed("-m", "limberjack", "run", *task, *policy, "--time-limit", "0.5")
     assert re.search(r"^ *0 +\d+\.\d{3} +25", played, re.MULTILINE), played
+
+
+def test_drq_learns_from_pictures_and_continues_a_run(tmp_path: Path) -> None:
+    try:
+        suite.load("cartpole", "balance").physics.render(8, 8)
+    except RenderingError as error:
+        pytest.skip(f"no pictures can be drawn here: {error}")
+    small = ("--envs", "2", "--seconds", "0.4", "--random", "12", "--evaluate-every", "20")
+    curves = []
+    for name, runs, evaluations in (("whole", (640,), 5), ("continued", (320, 640), 2)):
+        out = tmp_path / name
+        printed = ""
+        for steps in runs:
+            printed = _output("drq", *small, "--steps", str(steps), "--out", str(out))
+            last = rf"^{steps} control steps, \d+ s: return \d+\.\d$"
+            assert re.search(last, printed, re.MULTILINE), printed
+        assert printed.count("return") == evaluations  # of the last command: none is repeated
+        lines = (out / "curve.csv").read_text(encoding="utf-8").splitlines()
+        rows = [line.split(",") for line in lines]
+        assert [row[:2] for row in rows[1:]] == [[str(k * 160), str(k * 20)] for k in range(5)]
+        curves.append([row[:2] + row[3:] for row in rows])  # but for the seconds
+    assert curves[0] == curves[1]
+    assert curves[0][1][3:] != curves[0][-1][3:]  # the policy has changed
 
 
 def test_policy_gymnasium(tmp_path: Path) -> None:
