@@ -4,7 +4,7 @@
     python tools/build_site.py --out DIR
     python -m http.server --directory site  # then open http://localhost:8000
 
-The pages are those of docs/, README.md, CHANGELOG.md and CONTRIBUTING.md, with the tables and
+The pages are those of docs/, CHANGELOG.md, CONTRIBUTING.md and SECURITY.md, with the tables and
 pictures of the domains (`domain_pages`) and the API reference (`reference_pages`) added. They are
 written into build/site with a complete mkdocs.yml, and MkDocs makes the site of them in strict
 mode: a warning is an error. The site asks no other server for anything.
@@ -40,7 +40,6 @@ _PICTURE = 240, 320  # pixels
 
 # Files outside of docs/ that are pages, and pages with another name on the site.
 _PAGES = {
-    "README.md": "index.md",
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
     "SECURITY.md": "security.md",

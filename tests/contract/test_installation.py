@@ -257,6 +257,21 @@ def test_pip_installs_the_wheel_with_all_that_it_requires(
     output = environment.run("-c", _PROGRAM).splitlines()
     assert output[-1] == version.partition(".")[2]
     assert "run_pure_state" in environment.run("-m", "limberjack", "list")
+    _assert_told(environment)
+
+
+def _assert_told(environment: _Environment) -> None:
+    """The number of packages and their size on the disk are those that README tells."""
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    ((packages, megabytes),) = re.findall(r"(\d+) packages, (\d+) MB", readme)
+    own = {"pip", "setuptools", "limberjack"}
+    names = {path.name.partition("-")[0] for path in environment.site.glob("*.dist-info")}
+    assert len(names - own) == int(packages)
+    files = [path for path in environment.site.rglob("*") if path.is_file()]
+    counted = [f for f in files if f.relative_to(environment.site).parts[0] not in own]
+    blocks = sum(file.stat().st_blocks * 512 for file in counted)
+    # Other versions of packages, and other file systems, have other sizes.
+    assert blocks / 1e6 == pytest.approx(int(megabytes), rel=0.1)
 
 
 _IMPORT = "import mujoco; print(mujoco.__version__)"
@@ -284,7 +299,9 @@ def _assert_consistent(environment: _Environment) -> None:
 def test_after_mujoco_3_is_removed_an_installation_is_consistent(
     with_mujoco_3: _Environment, wheel: Path
 ) -> None:
-    assert "pip uninstall -y mujoco`" in (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert "pip uninstall -y mujoco`" in (REPOSITORY / "docs" / "install.md").read_text(
+        encoding="utf-8"
+    )
     with_mujoco_3.pip("uninstall", "--quiet", "-y", "mujoco")
     with_mujoco_3.pip("install", "--quiet", str(wheel))
     _assert_consistent(with_mujoco_3)

@@ -67,8 +67,8 @@ def test_the_core_needs_few_packages() -> None:
     assert {_name(requirement) for requirement in _PROJECT["dependencies"]} == _CORE
 
 
-def test_every_extra_is_named_in_the_readme() -> None:
-    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+def test_every_extra_is_named_on_the_page_of_installing() -> None:
+    text = (REPOSITORY / "docs" / "install.md").read_text(encoding="utf-8")
     for extra in _PROJECT["optional-dependencies"]:
         assert f"`{extra}`" in text, extra
 
@@ -115,12 +115,12 @@ def test_the_licence_is_apache_and_the_notice_names_what_follows_dm_control() ->
         assert "see NOTICE" in head, path
 
 
-def test_the_readme_names_the_licence_of_the_ffmpeg_in_the_wheel() -> None:
+def test_the_page_of_installing_names_the_licence_of_the_ffmpeg_in_the_wheel() -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="needs the extra 'video'")
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    (row,) = [line for line in readme.splitlines() if line.startswith("| `video` |")]
+    page = (REPOSITORY / "docs" / "install.md").read_text(encoding="utf-8")
+    (row,) = [line for line in page.splitlines() if line.startswith("| `video` |")]
     assert ("--enable-gpl" in done.stdout) == ("under the GPL" in row)
 
 

@@ -15,7 +15,7 @@ _DOCS = _REPOSITORY / "docs"
 @pytest.mark.parametrize(
     ("source", "path"),
     [
-        ("README.md", "index.md"),
+        ("docs/index.md", "index.md"),
         ("CHANGELOG.md", "changelog.md"),
         ("docs/README.md", "pages.md"),
         ("docs/humanoid.md", "humanoid.md"),
@@ -32,15 +32,15 @@ def test_a_link_to_a_file_outside_of_the_site_is_refused() -> None:
 
 
 def test_links_between_files_become_links_between_pages(tmp_path: Path) -> None:
-    page = _REPOSITORY / "README.md"
+    page = _DOCS / "index.md"
     text = build_site.with_links_of_the_site(
         page,
-        "[a](docs/batches.md#ids), [b](docs/README.md), [c](https://example.org), [d](#use-it)\n"
-        "```text\n[e](docs/batches.md)\n```\n[f](CHANGELOG.md)",
+        "[a](batches.md#ids), [b](README.md), [c](https://example.org), [d](#use-it)\n"
+        "```text\n[e](../README.md)\n```\n[f](../CHANGELOG.md)",
     )
     assert text == (
         "[a](batches.md#ids), [b](pages.md), [c](https://example.org), [d](#use-it)\n"
-        "```text\n[e](docs/batches.md)\n```\n[f](changelog.md)"
+        "```text\n[e](../README.md)\n```\n[f](changelog.md)"
     )
 
 

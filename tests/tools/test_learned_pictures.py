@@ -7,6 +7,7 @@ import domain_pages
 import learned_pictures
 import numpy as np
 import pytest
+import tiles
 from matplotlib.image import imread
 
 from limberjack import policies, suite
@@ -42,13 +43,13 @@ def test_the_committed_pictures_are_of_the_bundled_policies() -> None:
 
 
 def test_the_committed_film_has_a_tile_for_each_task_and_is_small() -> None:
-    columns = learned_pictures.columns_of(len(_BUNDLED))
+    columns = tiles.columns_of(len(_BUNDLED))
     rows = -(-len(_BUNDLED) // columns)
-    height, width = learned_pictures.TILE
+    height, width = tiles.TILE
     assert _size_of_gif(learned_pictures.FILM) == (rows * height, columns * width)
-    assert learned_pictures.FILM.stat().st_size <= learned_pictures.MOST_BYTES <= 4_000_000
-    readme = learned_pictures.FOLDER.parents[2] / "README.md"
-    assert "](docs/images/learned.gif)" in readme.read_text(encoding="utf-8")
+    assert learned_pictures.FILM.stat().st_size <= tiles.MOST_BYTES <= 4_000_000
+    page = learned_pictures.FOLDER.parents[1] / "policies.md"
+    assert "](images/learned.gif)" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("domain", dict.fromkeys(one.domain for one in _BUNDLED))
@@ -81,7 +82,7 @@ def test_pictures_show_an_episode_of_the_policy(
     learned_pictures.main(tmp_path / "learned", seconds=0.4)
     (episode,) = learned_pictures.episodes(tmp_path / "learned").values()
     assert episode.seconds == [0.0, 0.08, 0.24, 0.32]
-    height, width = learned_pictures.TILE
+    height, width = tiles.TILE
     assert _size_of_gif(tmp_path / "learned.gif") == (height, 3 * width)
     picture = imread(tmp_path / "learned" / "cartpole.png")
     env = suite.load("cartpole", "swingup", {"random": episode.seed})
@@ -98,12 +99,12 @@ def test_a_film_that_would_be_too_large_has_fewer_frames(tmp_path: Path) -> None
     noise = [[stream.randint(0, 255, (20, 30, 3)).astype(np.uint8) for _ in range(6)]]
     path = tmp_path / "film.gif"
     sizes = [1_000_000]
-    for _ in learned_pictures._STRIDES:
-        learned_pictures._write_film(path, noise, sizes[-1] - 1)
+    for _ in tiles.STRIDES:
+        tiles.write_film(path, noise, sizes[-1] - 1)
         sizes.append(path.stat().st_size)
     assert sizes == sorted(set(sizes), reverse=True)
     with pytest.raises(ValueError, match=r"bytes; expected at most 100"):
-        learned_pictures._write_film(path, noise, 100)
+        tiles.write_film(path, noise, 100)
 
 
 def test_a_folder_without_pictures_lists_none(tmp_path: Path) -> None:
