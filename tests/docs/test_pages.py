@@ -107,6 +107,36 @@ def test_a_page_uses_plain_words(page: Path) -> None:
     assert found == [], "write again, until, without success, is valid for"
 
 
+# Words of users, and the page on which a search for them must find the answer.
+WORDS = {
+    "resume": "training",
+    "checkpoint": "training",
+    "tensorboard": "training",
+    "domain randomization": "randomisation",
+    "curriculum": "batches",
+    "pixels": "batches",
+    "DrQ": "batches",
+    "frame skip": "semantics",
+}
+
+
+@pytest.mark.parametrize(("words", "page"), WORDS.items())
+def test_the_words_of_users_are_on_their_page(words: str, page: str) -> None:
+    text = " ".join((_DOCS / f"{page}.md").read_text(encoding="utf-8").split())
+    assert re.search(rf"\b{words}", text, re.IGNORECASE), "a search for it does not find this page"
+
+
+_ID = re.compile(r"\blimberjack/(\w+-\w+)-v0\b")
+
+
+def test_every_id_of_an_environment_is_registered() -> None:
+    found = {name for page in _PAGES for name in _ID.findall(page.read_text(encoding="utf-8"))}
+    assert len(found) > 10
+    known = {f"{domain}-{task}" for domain, task in suite.ALL_TASKS}
+    examples = {"DOMAIN-TASK", "swing-swing_up"}
+    assert found - known - examples == set()
+
+
 def test_every_page_is_in_the_index() -> None:
     index = (_DOCS / "README.md").read_text(encoding="utf-8")
     for page in _DOCS.glob("*.md"):
