@@ -468,6 +468,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            if True:\n                remove",
         ),
         ("            remove(self._parts / name)\n", "            pass\n"),
+        ("        self._remove_unfinished()  # of", "        # of"),
     ],
     "episodes/loading.py": [
         ("if size == file.nbytes", "if size >= file.nbytes"),

@@ -461,19 +461,29 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, whole: dict[str
     assert _collect(tmp_path, range(130)) == whole
 
 
+@pytest.mark.parametrize("has_workers", [False, True])
 def test_two_drivers_without_locks_end_in_a_line_or_in_equal_bytes(
-    whole: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    has_workers: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    threads: concurrent.futures.Executor,
 ) -> None:
     monkeypatch.setattr(files, "fcntl", None)
+    seeds, out = range(640), tmp_path / "out"  # four units at most are in the executor at a time
+    whole = _collect(tmp_path / "one", seeds)
+    how: dict[str, Any] = {"executor": threads, "workers": 2} if has_workers else {}
+    began: list[int] = []
 
     def second(policy: str, finished: int, part: float) -> None:
-        if finished == 64:
-            assert _collect(tmp_path, range(130)) == whole
+        if finished and not began:
+            began.append(finished)
+            assert _collect(out, seeds, **how) == whole
 
-    with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of the two"):
-        _collect(tmp_path, range(130), on_progress=second)
-    assert hashes(tmp_path) == whole
-    assert _collect(tmp_path, range(130)) == whole
+    with pytest.raises(OSError, match=f"another process writes to {out}: end one of the two"):
+        _collect(out, seeds, on_progress=second, **how)
+    assert hashes(out) == whole
+    assert _collect(out, seeds) == whole
+    assert whole_hashes(out) == whole_hashes(tmp_path / "one")
 
 
 def test_a_driver_whose_unfinished_file_is_removed_by_another_one_says_so(

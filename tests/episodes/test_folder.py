@@ -259,6 +259,21 @@ def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path)
     assert list((tmp_path / "parts").iterdir()) == [other]
 
 
+@pytest.mark.parametrize("shard", [None, (1, 1)])
+def test_files_that_a_lost_worker_left_unfinished_are_removed_in_the_end(
+    shard: tuple[int, int] | None, tmp_path: Path
+) -> None:
+    with Folder(tmp_path, _RECIPE, shard) as folder:
+        _plan(folder, range(60, 64), range(60, 64))
+        folder.log({"began": "now"})
+        left = tmp_path / "parts" / ".seeds-0000000060-0000000064.77.part"
+        left.parent.mkdir(exist_ok=True)
+        left.write_bytes(b"PAR1")
+        _add(folder, range(60, 64))
+        folder.finish()
+    assert not left.exists()
+
+
 def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

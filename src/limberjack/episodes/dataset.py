@@ -343,8 +343,8 @@ class Dataset:
             listed = self._files.get(shard.path.name)
             if listed is not None and sha256_of(shard.path) != listed.sha256:
                 raise ValueError(
-                    f"{shard.path} has another SHA-256 than in {MANIFEST}: remove it, and collect "
-                    "its seeds again"
+                    f"{shard.path} has another SHA-256 than in {MANIFEST}: repeat the command that "
+                    "collected it with --repair, which makes it again"
                 )
 
     def batches(self, size: int, *, seed: int | None = None, buffer: int = 0) -> Iterator[Batch]:

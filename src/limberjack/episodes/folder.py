@@ -346,6 +346,7 @@ class Folder:
           ValueError: a file is damaged or of another dataset.
           OSError: one cannot be read or written.
         """
+        self._remove_unfinished()  # of workers that were lost
         if self._shard is not None:
             self._write_record()
             return

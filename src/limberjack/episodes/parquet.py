@@ -546,6 +546,6 @@ def _damage_reported(path: Place) -> Iterator[None]:
 
 def _damaged(path: Place, reason: object) -> ValueError:
     return ValueError(
-        f"{path} is damaged or no file of a dataset ({reason}); remove it, and collect its seeds "
-        "again"
+        f"{path} is damaged or no file of a dataset ({reason}); repeat the command that collected "
+        "it with --repair, which makes it again"
     )
