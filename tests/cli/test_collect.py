@@ -77,6 +77,39 @@ def test_a_set_that_cannot_be_is_refused(options: list[str], message: str, tmp_p
     assert not (tmp_path / "set").exists()
 
 
+def test_a_damaged_file_is_made_again_and_one_line_says_so(tmp_path: Path) -> None:
+    command = [*_PENDULUM, "--seeds", "0:2", "--out", str(tmp_path)]
+    assert invoke(*command).exit_code == 0
+    before = hashes(tmp_path)
+    (path,) = (tmp_path / "episodes").iterdir()
+    path.write_bytes(b"PAR1")
+    refused = invoke(*command)
+    assert refused.exit_code == 2
+    assert "repeat the command that collected it with --repair, which makes it" in refused.stderr
+    repaired = invoke(*command, "--repair")
+    assert repaired.exit_code == 0
+    moved = tmp_path / "damaged" / path.name
+    assert repaired.stderr == (
+        f"limberjack: {path} is damaged: it was moved to {moved}, and is made again\n"
+    )
+    assert hashes(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--out", "memory://walk", "--format", "minari"], "--format minari needs a folder"),
+        (["--out", "nowhere://walk"], "nowhere://walk is no URL that fsspec reads"),
+        (["--out", "out", "--repair", "--shard", "1/2"], "repair the dataset without a shard"),
+    ],
+)
+def test_a_place_that_cannot_be_is_refused_in_one_line(arguments: list[str], message: str) -> None:
+    result = invoke(*_PENDULUM, *arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
 def test_the_options_choose_what_is_kept(tmp_path: Path) -> None:
     options = ["--seeds", "0:1", "--states", "--float32", "--flat", "--out", str(tmp_path)]
     assert invoke(*_PENDULUM, *options).exit_code == 0

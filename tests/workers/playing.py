@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ __all__ = [
     "interrupted",
     "locked",
     "memory",
+    "more_of",
     "pid",
     "plain",
     "print_and_seeds",
@@ -129,6 +130,11 @@ class Unlucky:
         if self.steps == 3:
             raise KeyError("no such\nthing")
         return np.zeros((64, 1))
+
+
+def more_of(setup: Setup, seeds: Sequence[int], *more: object) -> tuple[object, ...]:
+    """The arguments besides the seeds."""
+    return more
 
 
 def seeds_of(setup: Setup, seeds: tuple[int, ...]) -> tuple[int, ...]:

@@ -2,20 +2,23 @@
 
 import concurrent.futures
 import errno
+import functools
 import os
+import pickle
 import re
 import socket
 import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 
 from limberjack.evaluation.experiment import play_unit
 from limberjack.workers import Setup, State, Unit, WorkError, prepare, units_of
 from limberjack.workers.pool import Pool
+from limberjack.workers.process import write_message
 
 from .killing import is_alive, kill_often
 from .playing import (
@@ -50,6 +53,22 @@ def test_units_are_spread_over_processes_that_end_with_the_pool() -> None:
     assert not any(is_alive(number) for number in numbers)
     assert {state.workers for state in states} == {2}
     assert max(state.playing + state.starting for state in states) >= 1
+
+
+def test_a_process_is_sent_a_function_and_a_setup_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    messages: list[Any] = []
+
+    def writing(stream: BinaryIO, parts: list[bytes]) -> None:
+        messages.extend(map(pickle.loads, parts))
+        write_message(stream, parts)
+
+    monkeypatch.setattr("limberjack.workers.pool.write_message", writing)
+    setups = [prepare(*TASK, policy) for policy in ("random", "zero")]
+    with Pool(1) as pool:
+        for function in (seeds_of, pid, functools.partial(seeds_of)):
+            for setup in (*setups, *setups):
+                list(pool.results(function, [Unit(setup, (0,))]))
+    assert [len(new) for new, *_ in messages] == [2, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
 
 
 def test_results_are_held_back_until_they_are_asked_for() -> None:

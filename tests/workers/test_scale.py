@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import sys
+from collections import deque
 from typing import Any
 
 import dm_env
@@ -13,7 +14,7 @@ from limberjack.workers import Scale, Setup, Unit, WorkError, open_workers, prep
 from limberjack.workers import scale as module
 from limberjack.workers.factories import factory_of
 
-from .playing import TASK, pid, seeds_of
+from .playing import TASK, more_of, pid, seeds_of
 
 
 @pytest.fixture
@@ -100,6 +101,30 @@ def test_an_error_in_this_process_is_raised_as_it_is() -> None:
 
     with open_workers() as workers, pytest.raises(KeyError, match="mine"):
         list(workers.results(wrong, [Unit(prepare(*TASK, "random"), (0,))]))
+
+
+@pytest.mark.parametrize("kind", ["here", "processes", "executor"])
+def test_a_queue_may_be_added_to_while_its_results_are_read(kind: str) -> None:
+    setup = prepare(*TASK, "random")
+    units, played = deque([Unit(setup, (0,))]), list[int]()
+    with concurrent.futures.ThreadPoolExecutor(1) as executor:
+        options: dict[str, Any] = {"processes": {"workers": 1}, "executor": {"executor": executor}}
+        with open_workers(**options.get(kind, {})) as workers:
+            for unit, seeds in workers.results(seeds_of, units):
+                assert seeds == unit.seeds
+                played += seeds
+                if len(played) < 4:
+                    units.append(Unit(setup, range(len(played), len(played) + 1)))
+    assert played == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("kind", ["here", "processes", "executor"])
+def test_a_function_takes_what_a_unit_has_besides_its_seeds(kind: str) -> None:
+    unit = Unit(prepare(*TASK, "random"), range(2), ("more", 3))
+    with concurrent.futures.ThreadPoolExecutor(1) as executor:
+        options: dict[str, Any] = {"processes": {"workers": 1}, "executor": {"executor": executor}}
+        with open_workers(**options.get(kind, {})) as workers:
+            assert list(workers.results(more_of, [unit])) == [(unit, ("more", 3))]
 
 
 def test_a_number_opens_other_processes() -> None:
