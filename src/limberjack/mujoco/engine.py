@@ -37,6 +37,7 @@ from limberjack.mujoco.camera import (
 from limberjack.mujoco.index import NamedIndexStructs
 from limberjack.mujoco.model_values import derived_fields, identity
 from limberjack.mujoco.pictures import Overlay
+from limberjack.mujoco.recompiling import Recompiler
 from limberjack.mujoco.rows_view import RowsData
 from limberjack.mujoco.simulation import (
     MOST_AT_ONCE,
@@ -108,6 +109,7 @@ class Physics(_control.Physics):
         """
         source = (xml_string, *sorted(assets.items()))
         shared = compiled(source, lambda: wrapper.MjModel.from_xml_string(xml_string, assets).ptr)
+        shared.mjcf = xml_string, assets
         return cls.from_model(wrapper.MjModel(shared))
 
     @classmethod
@@ -249,6 +251,20 @@ class Physics(_control.Physics):
     def recompute_constants_of(self, names: Sequence[str]) -> None:
         """Makes starts that set these fields recompute the constants derived from them, if any."""
         self._simulation.sets_constants = bool(derived_fields(names))
+
+    def recompiler(self) -> Recompiler:
+        """Compiles this model again with changes of its MJCF.
+
+        Raises:
+          ValueError: the model was not made by `from_shared_xml`, or was changed since.
+        """
+        shared = self._data.model._shared
+        if shared is None or shared.mjcf is None:
+            raise ValueError(
+                "this model cannot be compiled again: make the physics with from_shared_xml, and "
+                "change its model in the MJCF only"
+            )
+        return Recompiler(*shared.mjcf)
 
     # Stepping.
 

@@ -338,6 +338,7 @@ class BatchEnvironment(Batch):
                 self._frames.load(snapshot.frames, rows)
             if self._faults is not None:
                 self._faults.load(snapshot.faults, rows)
+                show_drawn(self._randomization, self._faults.drawn(rows), rows, self.num_envs)
             if self._looks is not None:
                 streams = [self._streams.own[row] for row in rows.tolist()]
                 self._looks.load(snapshot.frames, rows, streams)
@@ -504,7 +505,8 @@ class BatchEnvironment(Batch):
         for row in rows.tolist():
             task._random = self._streams.own[row]
             if self._faults is not None:
-                self._faults.begin(row, task._random)
+                replicas.simulation.set_fields(self._faults.begin(row, task._random), row)
+                show_drawn(self._randomization, self._faults.drawn(row), row, self.num_envs)
             if self._looks is not None:
                 self._looks.begin(row, self._streams.own[row])
             if self._randomizer is not None:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from limberjack.utils.arrays import Quantity
 from limberjack.worlds.appearance.looks import Look
+from limberjack.worlds.faults import Recompiles
 
 __all__ = [
     "Drawn",
@@ -153,6 +154,10 @@ class SimulatedPhysics(Drawn, Protocol):
 
     def recompute_constants_of(self, names: Sequence[str]) -> None:
         """Makes starts that set these fields recompute the constants derived from them."""
+        ...
+
+    def recompiler(self) -> Recompiles:
+        """Compiles the model again with changes of its MJCF."""
         ...
 
     def identity(self, varying: Sequence[str] = ()) -> dict[str, object]:

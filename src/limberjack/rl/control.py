@@ -18,6 +18,7 @@ This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics
 """
 
 import copy
+import dataclasses
 import functools
 import math
 import numbers
@@ -54,7 +55,7 @@ from limberjack.rl.streams import check_not_randomized, set_stream_fields, strea
 from limberjack.utils.arrays import Quantity
 from limberjack.worlds import World
 from limberjack.worlds.appearance import Appearance, AppearanceOptions, Looks
-from limberjack.worlds.faults import FaultMemory, Faults
+from limberjack.worlds.faults import FaultMemory, Faults, Perturber
 
 __all__ = [
     "FLAT_OBSERVATION_KEY",
@@ -181,7 +182,19 @@ class Environment(dm_env.Environment):
         # An observation is computed only for its form: the task must not remember it.
         with stand_in(self._task, self._physics):
             observation = self._task.get_observation(self._physics)
-        return FaultMemory(settings, self.action_spec(), observation)
+        perturber = None
+        if settings.perturbation is not None:
+            parameters = getattr(self._task, "PERTURBATIONS", {})
+            task, recompiler = type(self._task).__name__, self._simulated.recompiler
+            perturber = Perturber.of(settings.perturbation, parameters, task, recompiler)
+            resolved = None if perturber is None else perturber.perturbation
+            settings = dataclasses.replace(settings, perturbation=resolved)
+        faults = FaultMemory(settings, self.action_spec(), observation, perturber=perturber)
+        if self._randomizer is not None:
+            twice = sorted({*faults.fields} & {*self._randomizer.fields})
+            if twice:
+                raise ValueError(f"randomize and the perturbation both set {', '.join(twice)}")
+        return faults
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
@@ -198,7 +211,8 @@ class Environment(dm_env.Environment):
             self.randomization = self._randomizer.draw(self._draw_stream())
             self._simulated.simulation.set_fields(self.randomization)
         if self._faults is not None:
-            self._faults.begin(0, stream_of(self._task))
+            self._simulated.simulation.set_fields(self._faults.begin(0, stream_of(self._task)))
+            self.randomization = {**self.randomization, **self._faults.drawn(0)}
         if self._looks is not None:
             self._looks.begin(0, stream_of(self._task))
             self._put_on()
@@ -497,6 +511,7 @@ class Environment(dm_env.Environment):
                 put_back(snapshot.memory[0], self._task, self._physics)
             if self._faults is not None:
                 self._faults.load(snapshot.faults, None)
+                self.randomization = {**self.randomization, **self._faults.drawn(0)}
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
 
@@ -625,7 +640,9 @@ class Environment(dm_env.Environment):
     def _saved_fields(self) -> tuple[str, ...]:
         """Model fields set per episode."""
         randomized = self._randomizer.fields if self._randomizer is not None else ()
-        return (*getattr(self._task, "EPISODE_FIELDS", ()), *randomized)
+        perturbed = self._faults.fields if self._faults is not None else ()
+        own = getattr(self._task, "EPISODE_FIELDS", ())
+        return (*own, *randomized, *(name for name in perturbed if name not in own))
 
     def _draw_stream(self) -> np.random.RandomState:
         """The stream from which model fields are drawn; replaced when the task's stream is."""

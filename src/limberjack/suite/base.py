@@ -23,6 +23,7 @@ from limberjack.rl.pixels import PixelOptions, Pixels
 from limberjack.rl.randomize import Draw
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
+from limberjack.worlds.faults import Parameter
 
 __all__ = [
     "Kwargs",
@@ -100,6 +101,8 @@ class Task(control.Task[_Physics]):
     EPISODE_ATTRIBUTES: tuple[str, ...] = ()
     # The reward terms that define the goal; the others shape the behaviour.
     GOAL: tuple[str, ...] = ()
+    # Parameters of the model that `faults` may perturb, by name.
+    PERTURBATIONS: Mapping[str, Parameter] = {}
     # The kinds of starts that `start` distinguishes; empty if there is only one kind.
     STARTS: tuple[str, ...] = ()
     # The planner's cost for this task as 'module:Class', imported on first use and called with the

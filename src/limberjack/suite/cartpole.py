@@ -4,17 +4,19 @@ The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690
 """
 
 import collections
+from typing import ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
-from limberjack.suite import _chain, base, common
+from limberjack.suite import _chain, _parameters, base, common
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite.base import Seed
 from limberjack.suite.base import StepKwargs as Kwargs
 from limberjack.utils import arrays, containers, rewards, xml_tools
+from limberjack.worlds.faults import Parameter, Range
 
 __all__ = [
     "OBSERVATIONS",
@@ -155,9 +157,44 @@ class Physics(mujoco.Physics):
         return arrays.concat((cart, angles.reshape(*cart.shape[:-1], -1)))
 
 
+def _set_pole_length(root: ElementTree.Element, length: float) -> None:
+    """Sets the length of each pole, metres, and its mass to a tenth of that, kilograms."""
+    geom = _parameters.default_of(root, "pole", "geom")
+    _parameters.set_numbers(geom, "fromto", 0, 0, 0, 0, 0, length)
+    _parameters.set_numbers(geom, "mass", length / 10)
+    for body in root.iter("body"):
+        if body.get("name", "").startswith("pole_") and body.get("name") != "pole_1":
+            _parameters.set_numbers(body, "pos", 0, 0, length)
+
+
+def _set_pole_mass(root: ElementTree.Element, mass: float) -> None:
+    _parameters.set_numbers(_parameters.default_of(root, "pole", "geom"), "mass", mass)
+
+
+def _set_joint_damping(root: ElementTree.Element, damping: float) -> None:
+    _parameters.set_numbers(_parameters.default_of(root, "pole", "joint"), "damping", damping)
+
+
+def _set_slider_damping(root: ElementTree.Element, damping: float) -> None:
+    _parameters.set_numbers(xml_tools.find_element(root, "joint", "slider"), "damping", damping)
+
+
 class Balance(base.Task[Physics]):
     """Hold the poles upright above a cart at the centre of the rail."""
 
+    PERTURBATIONS: ClassVar = {
+        "pole_length": Parameter(
+            _set_pole_length,
+            1.0,
+            Range(0.3, 3.0, 0.3),
+            _parameters.challenges(
+                Range(0.9, 1.1, 0.02), Range(0.7, 1.7, 0.1), Range(0.5, 2.3, 0.15)
+            ),
+        ),
+        "pole_mass": Parameter(_set_pole_mass, 0.1, Range(0.1, 10.0, 0.5)),
+        "joint_damping": Parameter(_set_joint_damping, 2e-6, Range(2e-6, 2e-1, 2e-2)),
+        "slider_damping": Parameter(_set_slider_damping, 5e-4, Range(5e-4, 3.0, 0.3)),
+    }
     planner_cost = "limberjack.planner.single_stage.swing_up:Cartpole"
 
     _CART_RANGE = (-0.25, 0.25)  # metres

@@ -7,16 +7,18 @@ head, an upright torso, low effort and horizontal speed. The model comes from Ta
 
 import collections
 from typing import ClassVar
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
-from limberjack.suite import base, common
+from limberjack.suite import _parameters, base, common
 from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
-from limberjack.utils import arrays, containers, rewards
+from limberjack.utils import arrays, containers, rewards, xml_tools
+from limberjack.worlds.faults import Parameter, Range
 
 __all__ = [
     "OBSERVATIONS",
@@ -162,9 +164,38 @@ class Physics(mujoco.Physics):
         return limbs.reshape(*limbs.shape[:-2], -1)
 
 
+def _set_contact_friction(root: Element, friction: float) -> None:
+    geoms = (
+        _parameters.default_of(root, "body", "geom"),
+        xml_tools.find_element(root, "geom", "floor"),
+    )
+    for geom in geoms:
+        _parameters.set_numbers(geom, "friction", friction, 0.1, 0.1)
+
+
+def _set_joint_damping(root: Element, damping: float) -> None:
+    _parameters.set_numbers(_parameters.default_of(root, "body", "joint"), "damping", damping)
+
+
+def _set_head_size(root: Element, radius: float) -> None:
+    _parameters.set_numbers(xml_tools.find_element(root, "geom", "head"), "size", radius)
+
+
 class Humanoid(base.Task[Physics]):
     """Stand, or move at least at a given speed."""
 
+    PERTURBATIONS: ClassVar = {
+        "contact_friction": Parameter(
+            _set_contact_friction,
+            0.7,
+            Range(0.05, 1.2, 0.1),
+            _parameters.challenges(
+                Range(0.6, 0.8, 0.02), Range(0.5, 0.9, 0.04), Range(0.4, 1.0, 0.06)
+            ),
+        ),
+        "joint_damping": Parameter(_set_joint_damping, 0.2, Range(0.01, 2.5, 0.2)),
+        "head_size": Parameter(_set_head_size, 0.09, Range(0.01, 0.19, 0.02)),
+    }
     GOAL = ("standing", "upright", "movement")
     STARTS = ("face_up", "face_down", "on_side", "up")
     planner_cost: str | None = "limberjack.planner.humanoid.locomotion:Locomotion"

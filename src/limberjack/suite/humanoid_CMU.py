@@ -92,6 +92,7 @@ class Physics(humanoid.Physics):
 class HumanoidCMU(humanoid.Humanoid):
     """Stand, or move at least at a given speed."""
 
+    PERTURBATIONS: ClassVar = {}  # the Real World RL suite has none of this model
     planner_cost = "limberjack.planner.single_stage.standing:HumanoidCMU"
 
     def __init__(self, move_speed: float, random: Seed = None) -> None:

@@ -5,17 +5,20 @@ of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections
+from typing import ClassVar
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from limberjack.rl import control
-from limberjack.suite import _planar_arm, base
+from limberjack.suite import _parameters, _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics, is_close
 from limberjack.suite.base import Kwargs, Seed
-from limberjack.utils import containers
+from limberjack.utils import containers, xml_tools
 from limberjack.utils.arrays import Quantity
+from limberjack.worlds.faults import Parameter, Range
 
 __all__ = [
     "OBSERVATIONS",
@@ -132,9 +135,39 @@ def _environment(
     )
 
 
+def _set_lower_arm_length(root: Element, length: float) -> None:
+    """Sets the length of the lower arm, metres; the hand is at its end."""
+    arm = xml_tools.find_element(root, "geom", "lower_arm")
+    _parameters.set_numbers(arm, "fromto", 0, 0, 0, 0, 0, length)
+    _parameters.set_numbers(xml_tools.find_element(root, "body", "hand"), "pos", 0, 0, length)
+
+
+def _set_root_damping(root: Element, damping: float) -> None:
+    _parameters.set_numbers(xml_tools.find_element(root, "joint", "arm_root"), "damping", damping)
+
+
+def _set_shoulder_damping(root: Element, damping: float) -> None:
+    joint = xml_tools.find_element(root, "joint", "arm_shoulder")
+    _parameters.set_numbers(joint, "damping", damping)
+
+
+# The same in all combined challenges, which leave the range of the parameter alone.
+_ARM_LENGTHS = Range(0.1, 0.25, 0.01)
+
+
 class Bring(_planar_arm.ArmTask):
     """Bring the prop to the target, which is inside the receptacle in insertion tasks."""
 
+    PERTURBATIONS: ClassVar = {
+        "lower_arm_length": Parameter(
+            _set_lower_arm_length,
+            0.12,
+            _ARM_LENGTHS,
+            _parameters.challenges(_ARM_LENGTHS, _ARM_LENGTHS, _ARM_LENGTHS),
+        ),
+        "root_damping": Parameter(_set_root_damping, 2.0, Range(0.1, 10.0, 0.1)),
+        "shoulder_damping": Parameter(_set_shoulder_damping, 1.5, Range(0.1, 10.0, 0.1)),
+    }
     GOAL = ("bringing",)
     STARTS = _STARTS
 

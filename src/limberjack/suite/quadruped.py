@@ -7,6 +7,7 @@ too. The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.
 import collections
 import contextlib
 import functools
+from typing import ClassVar
 from xml.etree import ElementTree
 
 import mujoco as official
@@ -17,10 +18,11 @@ from limberjack.mujoco import wrapper
 from limberjack.mujoco.wrapper.mjbindings import enums
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
-from limberjack.suite import base, common
+from limberjack.suite import _parameters, base, common
 from limberjack.suite._zoom import zoom
 from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
+from limberjack.worlds.faults import Parameter, Range
 
 __all__ = [
     "OBSERVATIONS",
@@ -306,9 +308,45 @@ def _upright_reward(physics: Physics, deviation_angle: float = 0) -> arrays.Quan
     return locomotion.upright(physics.torso_upright(), np.cos(np.deg2rad(deviation_angle)))
 
 
+def _set_shin_length(root: ElementTree.Element, length: float) -> None:
+    """Sets the extent of the shins in x and in z, metres; the ankles are at their ends."""
+    shin = _parameters.default_of(root, "knee", "geom")
+    _parameters.set_numbers(shin, "fromto", 0, 0, 0, length, 0, -length)
+    for toe in _TOES:
+        ankle = xml_tools.find_element(root, "body", toe.replace("toe", "ankle"))
+        _parameters.set_numbers(ankle, "pos", length, 0, -length)
+
+
+def _set_torso_density(root: ElementTree.Element, density: float) -> None:
+    _parameters.set_numbers(xml_tools.find_element(root, "geom", "torso"), "density", density)
+
+
+def _set_joint_damping(root: ElementTree.Element, damping: float) -> None:
+    _parameters.set_numbers(_parameters.default_of(root, "body", "joint"), "damping", damping)
+
+
+def _set_contact_friction(root: ElementTree.Element, friction: float) -> None:
+    _parameters.set_numbers(_parameters.default_of(root, "toe", "geom"), "friction", friction)
+    floor = xml_tools.find_element(root, "geom", "floor")
+    _parameters.set_numbers(floor, "friction", friction, 0.1, 0.1)
+
+
 class Move(base.Task[Physics]):
     """Move forward at least at a given speed."""
 
+    PERTURBATIONS: ClassVar = {
+        "shin_length": Parameter(
+            _set_shin_length,
+            0.25,
+            Range(0.25, 2.0, 0.1),
+            _parameters.challenges(
+                Range(0.25, 0.3, 0.005), Range(0.25, 0.8, 0.05), Range(0.25, 1.4, 0.1)
+            ),
+        ),
+        "torso_density": Parameter(_set_torso_density, 1000.0, Range(500.0, 10000.0, 500.0)),
+        "joint_damping": Parameter(_set_joint_damping, 30.0, Range(10.0, 150.0, 10.0)),
+        "contact_friction": Parameter(_set_contact_friction, 1.5, Range(0.1, 4.5, 0.5)),
+    }
     GOAL = ("upright", "movement")
     planner_cost = "limberjack.planner.single_stage.locomotion:Quadruped"
 

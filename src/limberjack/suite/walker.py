@@ -5,16 +5,19 @@ speed. The tasks come from https://arxiv.org/abs/1801.00690.
 """
 
 import collections
+from typing import ClassVar
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
-from limberjack.suite import base, common
+from limberjack.suite import _parameters, base, common
 from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
-from limberjack.utils import arrays, containers, rewards
+from limberjack.utils import arrays, containers, rewards, xml_tools
+from limberjack.worlds.faults import Parameter, Range
 
 __all__ = [
     "OBSERVATIONS",
@@ -34,6 +37,9 @@ _CONTROL_TIMESTEP = 0.025  # seconds
 _STAND_HEIGHT = 1.2  # metres; torso height at which standing is fully rewarded
 _WALK_SPEED = 1  # metres per second; horizontal speed at which walking is fully rewarded
 _RUN_SPEED = 8  # metres per second; the same for running
+
+# Of the model, metres.
+_THIGH_RADIUS, _TORSO_RADIUS, _HALF_LEG = 0.05, 0.07, 0.25
 
 SUITE = containers.TaggedTasks()
 # Chosen by eye: starts that look like the task.
@@ -104,9 +110,52 @@ class Physics(mujoco.Physics):
         return pairs.reshape(*pairs.shape[:-2], -1)
 
 
+def _set_thigh_length(root: Element, length: float) -> None:
+    """Sets half the length of the thighs, metres; the legs hang from their ends."""
+    for side in ("right", "left"):
+        thigh = xml_tools.find_element(root, "geom", f"{side}_thigh")
+        _parameters.set_numbers(thigh, "pos", 0, 0, -length)
+        _parameters.set_numbers(thigh, "size", _THIGH_RADIUS, length)
+        leg = xml_tools.find_element(root, "body", f"{side}_leg")
+        _parameters.set_numbers(leg, "pos", 0, 0, -_HALF_LEG - 2 * length)
+
+
+def _set_torso_length(root: Element, length: float) -> None:
+    """Sets half the length of the torso, metres; the thighs hang from its end."""
+    torso = xml_tools.find_element(root, "geom", "torso")
+    _parameters.set_numbers(torso, "size", _TORSO_RADIUS, length)
+    for side in ("right", "left"):
+        thigh = xml_tools.find_element(root, "body", f"{side}_thigh")
+        # As the Real World RL suite: both thighs are on one side of the plane.
+        _parameters.set_numbers(thigh, "pos", 0, -0.05, -length)
+
+
+def _set_joint_damping(root: Element, damping: float) -> None:
+    _parameters.set_numbers(_parameters.default_of(root, None, "joint"), "damping", damping)
+
+
+def _set_contact_friction(root: Element, friction: float) -> None:
+    # That of the floor too, which has the defaults of all geoms.
+    geom = _parameters.default_of(root, None, "geom")
+    _parameters.set_numbers(geom, "friction", friction, 0.1, 0.1)
+
+
 class PlanarWalker(base.Task[Physics]):
     """Stand, or move forward at least at a given speed."""
 
+    PERTURBATIONS: ClassVar = {
+        "thigh_length": Parameter(
+            _set_thigh_length,
+            0.225,
+            Range(0.1, 0.7, 0.05),
+            _parameters.challenges(
+                Range(0.225, 0.25, 0.002), Range(0.225, 0.4, 0.015), Range(0.225, 0.55, 0.04)
+            ),
+        ),
+        "torso_length": Parameter(_set_torso_length, 0.3, Range(0.1, 0.7, 0.05)),
+        "joint_damping": Parameter(_set_joint_damping, 0.1, Range(0.1, 10.0, 0.5)),
+        "contact_friction": Parameter(_set_contact_friction, 0.7, Range(0.01, 2.0, 0.05)),
+    }
     planner_cost = "limberjack.planner.single_stage.locomotion:Walker"
 
     def __init__(self, move_speed: float, random: Seed = None) -> None:

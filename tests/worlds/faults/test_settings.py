@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from limberjack.worlds.faults.settings import PRESETS, Fault, Faults
+from limberjack.worlds.faults.settings import PRESETS, Fault, Faults, Perturbation
 
 
 @pytest.mark.parametrize(
@@ -35,6 +35,7 @@ def test_presets_have_the_published_figures(
     assert found.repetition == Fault(1.0, repeated)
     assert found.dummies == dummies
     assert found.clear_at_reset
+    assert found.perturbation == Perturbation(preset=name, schedule="uniform", period=1)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -51,6 +52,9 @@ def test_a_mapping_changes_a_preset_and_keeps_the_rest() -> None:
     assert found.noise == PRESETS["hard"].noise
     assert not found.clear_at_reset
     assert Faults.of({}) == Faults()
+    assert Faults.of({"preset": "easy", "perturbation": None}).perturbation is None
+    once = Faults.of({"preset": "easy", "perturbation": {"period": 5}}).perturbation
+    assert once == Perturbation(preset="easy", period=5)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +74,13 @@ def test_a_mapping_changes_a_preset_and_keeps_the_rest() -> None:
         ({"noise": {"actions": float("inf")}}, ValueError, "is inf; expected a number"),
         ({"repetition": {"probability": 1.1}}, ValueError, "is 1.1; expected a number, 0.0 to 1"),
         ({"repetition": {"steps": 0}}, ValueError, "is 0; expected a whole number, 1 or more"),
-        ({"clear_at_reset": 1}, TypeError, "is 1; expected True or False"),
+        ({"clear_at_reset": 1}, TypeError, "is 1; expected a bool"),
+        ({"perturbation": 3}, TypeError, r"\['perturbation'\] is 3; expected a mapping of parame"),
+        ({"perturbation": {"schedule": "sow"}}, ValueError, "schedule of a perturbation is 'sow'"),
+        ({"perturbation": {"preset": "eesy"}}, ValueError, "is 'eesy'.*Did you mean 'easy'"),
+        ({"perturbation": {"parameter": 1}}, TypeError, "is 1; expected a str"),
+        ({"perturbation": {"period": 0}}, ValueError, "is 0; expected a whole number, 1 or more"),
+        ({"perturbation": {"std": "1"}}, TypeError, "is '1'; expected a number"),
     ],
 )
 def test_what_does_not_exist_is_refused_by_name(

@@ -33,6 +33,8 @@ class SharedModel:
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
         self.checksums: dict[tuple[str, ...], dict[str, int]] = {}  # of `model_values`
+        # The MJCF and the files it refers to, if it was compiled from them.
+        self.mjcf: tuple[str | bytes, dict[str, bytes]] | None = None
 
     @functools.cached_property
     def light(self) -> mujoco.MjModel:

@@ -28,6 +28,7 @@ from dm_env import specs
 
 from limberjack.utils.arrays import Quantity
 from limberjack.worlds.faults import draws
+from limberjack.worlds.faults.perturbing import Perturber
 from limberjack.worlds.faults.settings import Fault, Faults
 
 __all__ = ["FaultMemory"]
@@ -35,8 +36,9 @@ __all__ = ["FaultMemory"]
 # Kinds of draws.
 _ACTION_NOISE, _DROPPED_ACTIONS, _STUCK_ACTIONS, _REPETITION = range(4)
 _NOISE, _DROPPED, _STUCK, _DUMMIES = range(4, 8)
+_PERTURBATION = 8
 # The memory that belongs to the seed, or to the episode whatever `clear_at_reset` is.
-_KEPT = ("key", "episodes")
+_KEPT = ("key", "episodes", "parameter", "falls")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +68,7 @@ class FaultMemory:
         action_spec: object,
         observation: Mapping[str, Quantity],
         num_envs: int | None = None,
+        perturber: Perturber | None = None,
     ) -> None:
         """Remembers nothing yet.
 
@@ -74,6 +77,7 @@ class FaultMemory:
           action_spec: of one row's actions.
           observation: of one row, as the task returns it.
           num_envs: number of rows; None for a single environment.
+          perturber: of the model; None without perturbations.
 
         Raises:
           TypeError: actions or observations are not numbers, or dummies have their names.
@@ -81,6 +85,7 @@ class FaultMemory:
         if not isinstance(action_spec, specs.BoundedArray):
             raise TypeError(f"faults need actions in one bounded array; the spec is {action_spec}")
         self.settings = settings
+        self._perturber = perturber
         self._spec, self._first = action_spec, observation
         self._forms = {name: _form(name, value) for name, value in observation.items()}
         self._is_single = num_envs is None
@@ -95,7 +100,12 @@ class FaultMemory:
 
     def of_rows(self, num_envs: int) -> Self:
         """The same faults for a batch."""
-        return type(self)(self.settings, self._spec, self._first, num_envs)
+        return type(self)(self.settings, self._spec, self._first, num_envs, self._perturber)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The model fields that a perturbation sets for each episode."""
+        return () if self._perturber is None else self._perturber.fields
 
     def _cleared(self, rows: int) -> dict[str, np.ndarray]:
         delay, actions = self.settings.delay, math.prod(self._spec.shape)
@@ -103,6 +113,8 @@ class FaultMemory:
         return {
             "key": np.zeros(rows, np.uint64),
             "episodes": np.zeros(rows, int),
+            "parameter": np.zeros(rows),
+            "falls": np.zeros(rows, bool),
             "step": np.zeros(rows, int),
             "has_acted": np.zeros(rows, bool),
             "actions": np.zeros((rows, delay.actions + 1, actions)),
@@ -123,13 +135,36 @@ class FaultMemory:
 
     # The life of an episode.
 
-    def begin(self, row: int, stream: np.random.RandomState) -> None:
-        """Begins an episode in a row; it will be drawn from the stream, which is not advanced."""
-        values = self.values
-        values["key"][row] = draws.key_of(stream, int(values["episodes"][row]))
+    def begin(self, row: int, stream: np.random.RandomState) -> dict[str, np.ndarray]:
+        """Begins an episode in a row; it will be drawn from the stream, which is not advanced.
+
+        Returns:
+          The model fields of the episode, by name.
+        """
+        values, perturber = self.values, self._perturber
+        episodes = int(values["episodes"][row])
+        values["key"][row] = draws.key_of(stream, episodes)
         values["episodes"][row] += 1
         values["step"][row] = 0
         self.forget(row)
+        if perturber is None:
+            return {}
+        if episodes % perturber.perturbation.period == 0:
+            one = values["key"][[row]], np.zeros(1, int), _PERTURBATION, 1
+            value, falls = perturber.next(
+                float(values["parameter"][row]) if episodes else None,
+                bool(values["falls"][row]),
+                draws.normal(*one).item(),
+                draws.uniform(*one).item(),
+            )
+            values["parameter"][row], values["falls"][row] = value, falls
+        return perturber.fields_of(float(values["parameter"][row]))
+
+    def drawn(self, rows: int | np.ndarray) -> dict[str, np.ndarray]:
+        """The values of the perturbed parameter, by its name."""
+        if self._perturber is None:
+            return {}
+        return {self._perturber.perturbation.parameter: np.array(self.values["parameter"][rows])}
 
     def forget(self, rows: int | np.ndarray) -> None:
         """Clears what rows remember of their episode, if the settings say so."""

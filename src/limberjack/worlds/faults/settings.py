@@ -19,12 +19,28 @@ from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
     "PRESETS",
+    "SCHEDULES",
     "Delay",
     "Fault",
     "Faults",
     "Losses",
     "Noise",
+    "Perturbation",
 ]
+
+_CHALLENGES = ("easy", "medium", "hard")
+
+# Of the value of a perturbed parameter from episode to episode; see `perturbing`.
+SCHEDULES = (
+    "constant",
+    "random_walk",
+    "drift_pos",
+    "drift_neg",
+    "cyclic_pos",
+    "cyclic_neg",
+    "uniform",
+    "saw_wave",
+)
 
 
 def _number(default: float, lowest: float, highest: float = math.inf) -> typing.Any:  # as `field`
@@ -65,6 +81,33 @@ class Losses:
 
 
 @dataclasses.dataclass(frozen=True)
+class Perturbation:
+    """A parameter of the model that differs from episode to episode."""
+
+    parameter: str = ""  # one of the task's; empty for the one of its combined challenges
+    schedule: str = "uniform"
+    period: int = _number(1, 1)  # episodes with one value
+    # Of the parameter; None for those that the suite publishes.
+    lowest: float | None = None
+    highest: float | None = None
+    start: float | None = None
+    std: float | None = None  # of a random change
+    preset: str = ""  # the combined challenge whose range it has
+
+    def __post_init__(self) -> None:
+        if self.preset not in ("", *_CHALLENGES):
+            raise ValueError(
+                f"the preset of a perturbation is {self.preset!r}; expected one of "
+                f"{', '.join(_CHALLENGES)}.{did_you_mean(self.preset, _CHALLENGES)}"
+            )
+        if self.schedule not in SCHEDULES:
+            raise ValueError(
+                f"the schedule of a perturbation is {self.schedule!r}; expected one of "
+                f"{', '.join(SCHEDULES)}.{did_you_mean(self.schedule, SCHEDULES)}"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
 class Faults:
     """See the module's docstring; by default there are none.
 
@@ -75,6 +118,7 @@ class Faults:
       stuck: numbers that keep their last value for some steps.
       repetition: steps that repeat an action: with `steps` 1, none.
       dummies: number of observations of pure noise.
+      perturbation: of the model; None for none.
       clear_at_reset: whether an episode begins without the delayed, dropped, stuck and repeated
         values of the one before. The original suite keeps them.
     """
@@ -85,6 +129,7 @@ class Faults:
     stuck: Losses = Losses()
     repetition: Fault = Fault()
     dummies: int = _number(0, 0)
+    perturbation: Perturbation | None = None
     clear_at_reset: bool = True
 
     @classmethod
@@ -123,7 +168,7 @@ def _preset(name: object) -> Faults:
     return PRESETS[name]
 
 
-_T = typing.TypeVar("_T", Delay, Noise, Fault, Losses, Faults)
+_T = typing.TypeVar("_T", Delay, Noise, Fault, Losses, Perturbation, Faults)
 
 
 def _changed(base: _T, changes: object, where: str) -> _T:
@@ -155,13 +200,19 @@ def _value(
     base: object, given: object, kind: object, path: str, limits: Mapping[str, object]
 ) -> object:
     """A value of a setting, checked."""
+    options = typing.get_args(kind) or (kind,)
+    if given is None and type(None) in options:
+        return None
+    if Perturbation in options and base is None:
+        base = Perturbation()
     if dataclasses.is_dataclass(base) and not isinstance(base, type):
         return _changed(typing.cast(Faults, base), given, path)
-    if kind is bool:
-        if not isinstance(given, bool):
-            raise TypeError(f"{path} is {given!r}; expected True or False")
+    if bool in options or str in options:
+        wanted = bool if bool in options else str
+        if not isinstance(given, wanted):
+            raise TypeError(f"{path} is {given!r}; expected a {wanted.__name__}")
         return given
-    return _checked_number(given, kind is int, path, limits)
+    return _checked_number(given, int in options, path, limits)
 
 
 def _checked_number(
@@ -178,6 +229,7 @@ def _checked_number(
 
 
 def _combined(
+    name: str,
     late: int,
     late_rewards: int,
     noise: float,
@@ -194,11 +246,12 @@ def _combined(
         losses,
         Fault(1.0, repeated),
         dummies,
+        Perturbation(preset=name),
     )
 
 
 PRESETS: Mapping[str, Faults] = {
-    "easy": _combined(3, 10, 0.1, Fault(0.01, 1), 1, 10),
-    "medium": _combined(6, 20, 0.3, Fault(0.05, 5), 2, 20),
-    "hard": _combined(9, 40, 1.0, Fault(0.1, 10), 3, 50),
+    "easy": _combined("easy", 3, 10, 0.1, Fault(0.01, 1), 1, 10),
+    "medium": _combined("medium", 6, 20, 0.3, Fault(0.05, 5), 2, 20),
+    "hard": _combined("hard", 9, 40, 1.0, Fault(0.1, 10), 3, 50),
 }

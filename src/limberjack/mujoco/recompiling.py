@@ -1,0 +1,99 @@
+"""`Recompiler`: compiles a model's MJCF again with changes, for the fields that they set.
+
+    recompiler = physics.recompiler()
+    names = recompiler.names([shorter, longer])     # ("body_inertia", "body_mass", ...)
+    fields = recompiler.fields(shorter, names)
+
+A length in MJCF determines sizes, masses, inertias, bounding volumes and more. The compiler
+computes them here as it does for a file with the change. The sky, which takes most of the time, is
+replaced by a small one. `stat`, of which the solver uses the mean inertia to scale its tolerance,
+belongs to the nominal model and is not among the fields.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from xml.etree import ElementTree
+
+import mujoco
+import mujoco.batch
+import numpy as np
+
+__all__ = ["Recompiler"]
+
+Edit = Callable[[ElementTree.Element], None]
+
+_SMALL = "8"  # pixels of a side of the sky
+
+
+def _nothing(root: ElementTree.Element) -> None:
+    del root
+
+
+class Recompiler:
+    """See the module's docstring."""
+
+    def __init__(self, mjcf: str | bytes, assets: Mapping[str, bytes]) -> None:
+        """Takes the MJCF, and the contents of the files it refers to by name."""
+        self._mjcf = _with_small_sky(mjcf)
+        self._assets = {
+            name: _with_small_sky(content) if name.endswith(".xml") else content
+            for name, content in assets.items()
+        }
+        self._nominal = self._compiled(_nothing)
+
+    def _compiled(self, edit: Edit) -> mujoco.MjModel:
+        root = ElementTree.fromstring(self._mjcf)
+        edit(root)
+        return mujoco.MjModel.from_xml_string(ElementTree.tostring(root), self._assets)
+
+    def names(self, edits: Iterable[Edit]) -> tuple[str, ...]:
+        """The fields in which the model with one of the changes differs from the nominal one.
+
+        Raises:
+          ValueError: a change is invalid, or adds or removes elements.
+        """
+        found = {name for edit in edits for name in self._differences(self._compiled(edit))}
+        return tuple(sorted(found))
+
+    def fields(self, edit: Edit, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """The values of fields with a change, by name.
+
+        Raises:
+          ValueError: the change is invalid, or other fields differ from the nominal model's.
+        """
+        model = self._compiled(edit)
+        others = [name for name in self._differences(model) if name not in names]
+        if others:
+            raise ValueError(f"a change of the model sets {', '.join(others)}, unlike others")
+        return {name: np.array(getattr(model, name)) for name in names}
+
+    def _differences(self, model: mujoco.MjModel) -> list[str]:
+        """The array fields that differ from the nominal model's."""
+        found = []
+        for name in _ARRAYS:
+            one, other = getattr(self._nominal, name), getattr(model, name)
+            if one.shape != other.shape or one.tobytes() != other.tobytes():
+                if one.shape != other.shape or name not in mujoco.batch.MODEL_FIELDS:
+                    raise ValueError(
+                        f"a change of the model changes {name}, which must be the same in all "
+                        "episodes"
+                    )
+                found.append(name)
+        return found
+
+
+def _with_small_sky(mjcf: str | bytes) -> bytes:
+    root = ElementTree.fromstring(mjcf)
+    for texture in root.iter("texture"):
+        if texture.get("type") == "skybox":
+            texture.set("width", _SMALL)
+            texture.set("height", _SMALL)
+    return ElementTree.tostring(root)
+
+
+def _arrays() -> tuple[str, ...]:
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    names = [name for name in dir(model) if not name.startswith("_")]
+    return tuple(name for name in names if isinstance(getattr(model, name), np.ndarray))
+
+
+_ARRAYS = _arrays()
