@@ -653,3 +653,11 @@ def test_another_policy_file_of_the_same_name_is_refused(
         with pytest.raises(ValueError, match="whose policy_sha256 is"):
             _collect(tmp_path / "out", range(4), "changing:act")
     sys.modules.pop("changing", None)
+
+
+def test_a_set_is_collected_in_a_world(tmp_path: Path) -> None:
+    how: dict[str, Any] = {"out": tmp_path, "time_limit": 0.1, "num_threads": 1}
+    world = {"faults": {"dummies": 2}}
+    collect_set(["pendulum:swingup"], "random", range(2), world=world, **how)
+    recipe = load(tmp_path / "pendulum-swingup").recipe
+    assert recipe.facts["world"]["faults"]["dummies"] == 2

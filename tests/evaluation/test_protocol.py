@@ -212,3 +212,17 @@ def test_a_world_is_that_of_all_tasks_and_part_of_the_results(tmp_path: Path) ->
     for other in (None, {"appearance": "color_easy"}):
         with pytest.raises(ValueError, match=r"world .*, and this one has"):
             evaluate_set(tasks, "zero", out=out, num_threads=1, world=other)
+
+
+def test_the_policies_of_a_set_must_fit_its_world() -> None:
+    tasks, world = TaskSet("one", (("cartpole", "swingup"),), "here"), {"faults": {"dummies": 3}}
+    seen: list[int] = []
+
+    def counting(observation: dict[str, object]) -> np.ndarray:
+        seen.append(len(observation))
+        return np.zeros(1)
+
+    found = evaluate_set(tasks, counting, num_threads=1, world=world)
+    assert set(seen) == {2 + 3}
+    plans, _ = protocol._planned(tasks, [counting], world)
+    assert list(plans) == [(found.tasks[0].domain, found.tasks[0].task)]

@@ -13,7 +13,10 @@ _MJCF = """
 <mujoco>
   <asset><texture name="sky" type="skybox" builtin="flat" width="300" height="300"/></asset>
   <worldbody>
-    <body name="arm"><joint axis="0 1 0"/><geom name="arm" type="capsule" size=".1" fromto="0 0 0 0 0 1"/></body>
+    <body name="arm">
+      <joint axis="0 1 0"/>
+      <geom name="arm" type="capsule" size=".1" fromto="0 0 0 0 0 1"/>
+    </body>
   </worldbody>
 </mujoco>
 """

@@ -38,6 +38,11 @@ def test_the_six_tasks_of_dmcgb2_are_of_the_suites_benchmark() -> None:
     }
 
 
+def test_the_tasks_of_the_real_worlds_challenges_are_four() -> None:
+    walks = {(domain, "walk") for domain in ("humanoid", "quadruped", "walker")}
+    assert set(sets.tasks_of("rwrl")) == {("cartpole", "swingup"), *walks}
+
+
 def test_the_sets_of_papers_have_their_sizes_and_the_order_of_the_suite() -> None:
     assert [len(sets.tasks_of(name)) for name in _PAPERS] == [28, 7, 8]
     for name in _PAPERS:

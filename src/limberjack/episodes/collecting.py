@@ -158,9 +158,10 @@ def collect_set(
       Exception: any that `collect` raises; the datasets of tasks before are complete.
     """
     pairs, wanted = tasks_of(tasks), checked_seeds(seeds)
+    of_environment = kwargs.get("world")
     chosen = {pair: policies.policy_for(policy, *pair) for pair in pairs}
     for (domain, task), of_task in chosen.items():
-        with contextlib.closing(suite.load(domain, task)) as environment:
+        with contextlib.closing(suite.load(domain, task, None, of_environment)) as environment:
             if of_task is None:
                 raise PolicyError(f"there is no policy for {domain} {task}")
             policies.find(of_task, environment, num_threads=1)

@@ -189,7 +189,7 @@ def evaluate_set(
     directory = None if out is None else Path(out).absolute()
     if directory is not None:
         _check_folder(directory, _asked_for(chosen, names, world))
-    plans, missing = _planned(chosen, given)
+    plans, missing = _planned(chosen, given, world)
     if directory is not None and not (directory / SUMMARY).exists():
         _write(directory / SUMMARY, _asked_for(chosen, names, world))
     count = _Counting(on_progress, len(missing) * _episodes(given))
@@ -269,7 +269,7 @@ def _name_of(run: object) -> str:
 
 
 def _planned(
-    task_set: TaskSet, runs: Sequence[object]
+    task_set: TaskSet, runs: Sequence[object], world: World | None = None
 ) -> tuple[dict[_Task, _Plan], dict[_Task, str]]:
     """The plans of tasks, and the reasons why others are left out.
 
@@ -279,7 +279,7 @@ def _planned(
     plans: dict[_Task, _Plan] = {}
     missing: dict[_Task, str] = {}
     for domain, task in task_set.tasks:
-        with contextlib.closing(suite.load(domain, task)) as environment:
+        with contextlib.closing(suite.load(domain, task, None, world)) as environment:
             try:
                 plans[domain, task] = _plan(environment, runs, domain, task)
             except PolicyError as error:
@@ -321,6 +321,7 @@ def _asked_for(task_set: TaskSet, runs: Sequence[str], world: World | None) -> d
         "source": task_set.source,
         "protocol": VERSION,
         "of_tasks": [list(task) for task in task_set.tasks],
+        "world": dict(world) if world else None,
         "seeds": f"{_SEEDS[0]}:{_SEEDS[-1] + 1}",
         "score": f"mean return divided by {_FULL_RETURN:g}",
         "runs": list(runs),

@@ -19,7 +19,7 @@ import numpy as np
 
 __all__ = ["Recompiler"]
 
-Edit = Callable[[ElementTree.Element], None]
+_Edit = Callable[[ElementTree.Element], None]
 
 _SMALL = "8"  # pixels of a side of the sky
 
@@ -40,12 +40,12 @@ class Recompiler:
         }
         self._nominal = self._compiled(_nothing)
 
-    def _compiled(self, edit: Edit) -> mujoco.MjModel:
+    def _compiled(self, edit: _Edit) -> mujoco.MjModel:
         root = ElementTree.fromstring(self._mjcf)
         edit(root)
         return mujoco.MjModel.from_xml_string(ElementTree.tostring(root), self._assets)
 
-    def names(self, edits: Iterable[Edit]) -> tuple[str, ...]:
+    def names(self, edits: Iterable[_Edit]) -> tuple[str, ...]:
         """The fields in which the model with one of the changes differs from the nominal one.
 
         Raises:
@@ -54,7 +54,7 @@ class Recompiler:
         found = {name for edit in edits for name in self._differences(self._compiled(edit))}
         return tuple(sorted(found))
 
-    def fields(self, edit: Edit, names: Sequence[str]) -> dict[str, np.ndarray]:
+    def fields(self, edit: _Edit, names: Sequence[str]) -> dict[str, np.ndarray]:
         """The values of fields with a change, by name.
 
         Raises:

@@ -126,10 +126,20 @@ _DMCGB2 = (
     ("ball_in_cup", "catch"),
 )
 
+# Those of the combined challenges of the Real World RL suite, which `--faults` adds.
+_RWRL = (("cartpole", "swingup"), ("humanoid", "walk"), ("quadruped", "walk"), ("walker", "walk"))
+
 _OF_THE_SUITE = tuple((row.domain, row.task) for row in TASKS)
 
 _SIMBAV2 = "scale_rl/envs/dmc.py in https://github.com/DAVIAN-Robotics/SimbaV2, commit 86899c2"
 _SETS_OF_PAPERS = (
+    TaskSet(
+        "rwrl",
+        _RWRL,
+        "https://arxiv.org/abs/2003.11881, and realworldrl_suite/environments of "
+        "https://github.com/google-research/realworldrl_suite, commit be7a51c; its combined "
+        "challenges are presets of --faults",
+    ),
     TaskSet(
         "dmcgb2",
         _DMCGB2,

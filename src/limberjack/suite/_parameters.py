@@ -9,7 +9,7 @@ https://github.com/google-research/realworldrl_suite, commit be7a51c.
 
 from xml.etree.ElementTree import Element
 
-from limberjack.worlds.faults import Range
+from limberjack.worlds.faults import CHALLENGES, Range
 
 __all__ = ["challenges", "default_of", "set_numbers"]
 
@@ -31,4 +31,4 @@ def set_numbers(element: Element, attribute: str, *numbers: float) -> None:
 
 def challenges(easy: Range, medium: Range, hard: Range) -> dict[str, Range]:
     """The ranges of a parameter in the combined challenges, by name."""
-    return {"easy": easy, "medium": medium, "hard": hard}
+    return dict(zip(CHALLENGES, (easy, medium, hard), strict=True))

@@ -8,7 +8,7 @@ for a batch. A task that must remember something declares it in `EPISODE_ATTRIBU
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, TypedDict, TypeVar
+from typing import ClassVar, NamedTuple, TypedDict, TypeVar
 
 import dm_env
 import numpy as np
@@ -102,7 +102,7 @@ class Task(control.Task[_Physics]):
     # The reward terms that define the goal; the others shape the behaviour.
     GOAL: tuple[str, ...] = ()
     # Parameters of the model that `faults` may perturb, by name.
-    PERTURBATIONS: Mapping[str, Parameter] = {}
+    PERTURBATIONS: ClassVar[Mapping[str, Parameter]] = {}
     # The kinds of starts that `start` distinguishes; empty if there is only one kind.
     STARTS: tuple[str, ...] = ()
     # The planner's cost for this task as 'module:Class', imported on first use and called with the

@@ -4,6 +4,7 @@ The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.00690
 """
 
 import collections
+from collections.abc import Mapping
 from typing import ClassVar
 from xml.etree import ElementTree
 
@@ -182,7 +183,7 @@ def _set_slider_damping(root: ElementTree.Element, damping: float) -> None:
 class Balance(base.Task[Physics]):
     """Hold the poles upright above a cart at the centre of the rail."""
 
-    PERTURBATIONS: ClassVar = {
+    PERTURBATIONS: ClassVar[Mapping[str, Parameter]] = {
         "pole_length": Parameter(
             _set_pole_length,
             1.0,

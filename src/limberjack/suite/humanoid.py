@@ -6,6 +6,7 @@ head, an upright torso, low effort and horizontal speed. The model comes from Ta
 """
 
 import collections
+from collections.abc import Mapping
 from typing import ClassVar
 from xml.etree.ElementTree import Element
 
@@ -184,7 +185,7 @@ def _set_head_size(root: Element, radius: float) -> None:
 class Humanoid(base.Task[Physics]):
     """Stand, or move at least at a given speed."""
 
-    PERTURBATIONS: ClassVar = {
+    PERTURBATIONS: ClassVar[Mapping[str, Parameter]] = {
         "contact_friction": Parameter(
             _set_contact_friction,
             0.7,

@@ -4,6 +4,7 @@ The tasks of `limberjack.suite.humanoid` are given another body, from the DeepMi
 Suite (https://arxiv.org/abs/1801.00690). Its thorax, where the torso is, has y up and z ahead.
 """
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from limberjack.rl import control
@@ -12,6 +13,7 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.humanoid import _RUN_SPEED, _STAND_HEIGHT, _WALK_SPEED  # noqa: F401
 from limberjack.utils import containers
 from limberjack.utils.arrays import Quantity
+from limberjack.worlds.faults import Parameter
 
 __all__ = [
     "OBSERVATIONS",
@@ -92,7 +94,9 @@ class Physics(humanoid.Physics):
 class HumanoidCMU(humanoid.Humanoid):
     """Stand, or move at least at a given speed."""
 
-    PERTURBATIONS: ClassVar = {}  # the Real World RL suite has none of this model
+    PERTURBATIONS: ClassVar[
+        Mapping[str, Parameter]
+    ] = {}  # the Real World RL suite has none of this model
     planner_cost = "limberjack.planner.single_stage.standing:HumanoidCMU"
 
     def __init__(self, move_speed: float, random: Seed = None) -> None:

@@ -5,6 +5,7 @@ of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections
+from collections.abc import Mapping
 from typing import ClassVar
 from xml.etree.ElementTree import Element
 
@@ -158,7 +159,7 @@ _ARM_LENGTHS = Range(0.1, 0.25, 0.01)
 class Bring(_planar_arm.ArmTask):
     """Bring the prop to the target, which is inside the receptacle in insertion tasks."""
 
-    PERTURBATIONS: ClassVar = {
+    PERTURBATIONS: ClassVar[Mapping[str, Parameter]] = {
         "lower_arm_length": Parameter(
             _set_lower_arm_length,
             0.12,

@@ -7,6 +7,7 @@ too. The tasks come from the DeepMind Control Suite (https://arxiv.org/abs/1801.
 import collections
 import contextlib
 import functools
+from collections.abc import Mapping
 from typing import ClassVar
 from xml.etree import ElementTree
 
@@ -334,7 +335,7 @@ def _set_contact_friction(root: ElementTree.Element, friction: float) -> None:
 class Move(base.Task[Physics]):
     """Move forward at least at a given speed."""
 
-    PERTURBATIONS: ClassVar = {
+    PERTURBATIONS: ClassVar[Mapping[str, Parameter]] = {
         "shin_length": Parameter(
             _set_shin_length,
             0.25,

@@ -5,6 +5,7 @@ speed. The tasks come from https://arxiv.org/abs/1801.00690.
 """
 
 import collections
+from collections.abc import Mapping
 from typing import ClassVar
 from xml.etree.ElementTree import Element
 
@@ -143,7 +144,7 @@ def _set_contact_friction(root: Element, friction: float) -> None:
 class PlanarWalker(base.Task[Physics]):
     """Stand, or move forward at least at a given speed."""
 
-    PERTURBATIONS: ClassVar = {
+    PERTURBATIONS: ClassVar[Mapping[str, Parameter]] = {
         "thigh_length": Parameter(
             _set_thigh_length,
             0.225,

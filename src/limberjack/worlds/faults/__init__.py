@@ -12,6 +12,7 @@ from limberjack.worlds.faults.perturbing import Parameter as Parameter
 from limberjack.worlds.faults.perturbing import Perturber as Perturber
 from limberjack.worlds.faults.perturbing import Range as Range
 from limberjack.worlds.faults.perturbing import Recompiles as Recompiles
+from limberjack.worlds.faults.settings import CHALLENGES as CHALLENGES
 from limberjack.worlds.faults.settings import Faults as Faults
 
-__all__ = ["FaultMemory", "Faults", "Parameter", "Perturber", "Range", "Recompiles"]
+__all__ = ["CHALLENGES", "FaultMemory", "Faults", "Parameter", "Perturber", "Range", "Recompiles"]

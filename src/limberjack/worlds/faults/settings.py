@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
+    "CHALLENGES",
     "PRESETS",
     "SCHEDULES",
     "Delay",
@@ -28,7 +29,8 @@ __all__ = [
     "Perturbation",
 ]
 
-_CHALLENGES = ("easy", "medium", "hard")
+# Combined challenges, from the least to the most.
+CHALLENGES = ("easy", "medium", "hard")
 
 # Of the value of a perturbed parameter from episode to episode; see `perturbing`.
 SCHEDULES = (
@@ -95,10 +97,10 @@ class Perturbation:
     preset: str = ""  # the combined challenge whose range it has
 
     def __post_init__(self) -> None:
-        if self.preset not in ("", *_CHALLENGES):
+        if self.preset not in ("", *CHALLENGES):
             raise ValueError(
                 f"the preset of a perturbation is {self.preset!r}; expected one of "
-                f"{', '.join(_CHALLENGES)}.{did_you_mean(self.preset, _CHALLENGES)}"
+                f"{', '.join(CHALLENGES)}.{did_you_mean(self.preset, CHALLENGES)}"
             )
         if self.schedule not in SCHEDULES:
             raise ValueError(
