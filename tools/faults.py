@@ -81,6 +81,47 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("    if not isinstance(names, tuple | list):  # such", "    if not names:  # such"),
     ],
+    "worlds/faults/draws.py": [
+        ("repr((*rest, episodes)).encode()", "repr(rest).encode()"),
+        ("keys ^ _mixed(places * _INCREMENT)", "keys ^ places"),
+        ("steps.astype(np.uint64) * np.uint64(_KINDS)", "steps.astype(np.uint64)"),
+        ("np.sqrt(-2.0 * np.log(first))", "np.sqrt(-np.log(first))"),
+    ],
+    "worlds/faults/settings.py": [
+        ("Fault(0.05, 5), 2, 20)", "Fault(0.05, 5), 1, 20)"),
+        ("        if name not in fields:\n", "        if False:\n"),
+        ("if not (lowest <= given <= highest and", "if not (lowest <= given and"),
+        ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
+    ],
+    "worlds/faults/memory.py": [
+        ("                self.values[name][rows] = values[rows]", "                pass"),
+        ("        self._keep(self._pending, rows)\n", "        self._keep(self._pending, None)\n"),
+        ("    pushed[~are_filled] = new[~are_filled][:, None]\n", ""),
+        ("np.maximum(left - 1, 0)", "left"),
+        ("np.where((left == 0) & hit, fault.steps, left)", "np.where(hit, fault.steps, left)"),
+        ('action[lost] = values["last_action"][lost]', "action[lost] = 0.0"),
+        ("np.where(hit, fault.steps - 1, 0)", "np.where(hit, fault.steps, 0)"),
+        (
+            'new["last_observation"], new["has_observed"] = seen, ',
+            'new["last_observation"], new["has_observed"] = seen * 0, ',
+        ),
+        ("name not in _KEPT]", "name]"),
+        ("        if self.settings.clear_at_reset:\n", "        if True:\n"),
+        ("            values[index] = saved[name]\n", "            pass\n"),
+        ("np.clip(action + settings.noise.actions * noise, low, high)", "action + noise"),
+        ('new["step"] = values["step"] + 1', 'new["step"] = values["step"]'),
+        ("if episodes % perturber.perturbation.period == 0:", "if True:"),
+    ],
+    "worlds/faults/perturbing.py": [
+        ("value = start if value >= highest else value", "value = min(value, highest)"),
+        ("value += -abs(change) if falls else abs(change)", "value = abs(change)"),
+        ("        if not self.fields:\n", "        if False:\n"),
+        ("if given.start is None else given.start", "if given.start else parameter.start"),
+    ],
+    "mujoco/recompiling.py": [
+        ("        if others:\n", "        if False:\n"),
+        ("name not in mujoco.batch.MODEL_FIELDS", "False"),
+    ],
     "rl/shared_streams.py": [
         (
             "put_back = [_putting_back(stream) for stream in streams.values()]",

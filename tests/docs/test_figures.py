@@ -14,6 +14,8 @@ import pytest
 import limberjack
 from limberjack import suite
 from limberjack.training import settings_for
+from limberjack.worlds.faults import CHALLENGES
+from limberjack.worlds.faults.settings import PRESETS
 
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
@@ -347,3 +349,39 @@ def test_the_table_of_what_can_be_reached_is_the_one_that_was_measured() -> None
     assert re.findall(r"^\| (?:manipulator|stacker) \w+ \| .*%.*\|$", page, re.MULTILINE) == rows
     (brought,) = [row["brought"] for row in results if row["task"] == "bring_ball"]
     assert f"{1000 * (1 - brought):.0f} of 1,000 starts of bring_ball cannot give" in page
+
+
+def test_the_challenges_on_the_page_of_faults_are_the_presets() -> None:
+    text = (_DOCS / "faults.md").read_text(encoding="utf-8")
+    rows = {
+        row[0]: row[1:] for row in re.findall(r"^\| (.+) \| (.+) \| (.+) \| (.+) \|$", text, re.M)
+    }
+    presets = [PRESETS[name] for name in CHALLENGES]
+    found = [
+        [
+            rows[f"delay of {what}, steps"],
+            rows["noise of actions and observations"],
+            rows["dropped and stuck observations: probability"],
+            rows["dropped and stuck observations: steps"],
+            rows["repetition of every action, steps"],
+            rows["dummies"],
+        ]
+        for what in ("actions and observations", "rewards")
+    ]
+    for number, one in enumerate(presets):
+        loss = one.dropped.observations
+        common = [one.noise.actions, loss.probability, loss.steps]
+        common += [one.repetition.steps, one.dummies]
+        for delay, texts in zip((one.delay.actions, one.delay.rewards), found, strict=True):
+            assert [float(text[number]) for text in texts] == [delay, *common]
+    for domain, task in (("cartpole", "swingup"), ("walker", "walk"), ("quadruped", "walk")):
+        _check_ranges(rows, domain, task)
+    _check_ranges(rows, "humanoid", "walk")
+    _check_ranges(rows, "manipulator", "bring_ball")
+
+
+def _check_ranges(rows: dict[str, tuple[str, ...]], domain: str, task: str) -> None:
+    (texts,) = [texts for title, texts in rows.items() if title.startswith(domain)]
+    parameters = suite.load(domain, task).task.PERTURBATIONS.values()
+    (presets,) = [one.presets for one in parameters if one.presets]
+    assert texts == tuple(f"{one.lowest} to {one.highest}" for one in presets.values())

@@ -262,7 +262,7 @@ class BatchEnvironment(Batch):
         """Hands the actions to the task, which remembers them in a mask of rows only."""
         physics, faults = self._replicas.physics, self._faults
         if faults is not None:
-            actions = faults.act(actions, rows)
+            actions = faults.act(actions)
         with self._memory.during("before_step", physics, rows):
             self._task.before_step(actions, physics)
         if faults is not None:

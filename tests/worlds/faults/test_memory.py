@@ -91,17 +91,18 @@ def test_a_dropped_number_is_zero_for_its_steps_and_each_by_itself() -> None:
         assert set(lengths % 4) == {0}  # one may follow another at once
 
 
-def test_a_stuck_number_keeps_its_last_value_for_its_steps() -> None:
-    memory = _memory({"stuck": {"actions": {"probability": 0.1, "steps": 4}}})
-    taken, given = [], []
+@pytest.mark.parametrize("what", ["actions", "observations"])
+def test_a_stuck_number_keeps_its_last_value_for_its_steps(what: str) -> None:
+    memory = _memory({"stuck": {what: {"probability": 0.1, "steps": 4}}})
+    found = []
     for step in range(400):
-        given.append(step / 400)
-        taken.append(_taken(memory, np.full(2, step / 400))[0])
-        _seen(memory, step)
-    stuck = np.array(taken) != np.array(given)
+        seen = _seen(memory, step)["y"]
+        taken = _taken(memory, np.full(2, step / 512))[0] * 512  # exact
+        found.append(seen if what == "observations" else taken)
+    stuck = np.array(found) != np.arange(400)
     assert 0.1 < stuck.mean() < 0.5
     for step in np.flatnonzero(stuck):
-        assert taken[step] == taken[step - 1]
+        assert found[step] == found[step - 1]
 
 
 def test_repetition_repeats_whole_actions_and_of_one_step_nothing() -> None:

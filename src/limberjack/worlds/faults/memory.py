@@ -3,8 +3,8 @@
     faults = FaultMemory(settings, action_spec, observation, num_envs=64)
     faults.begin(3, stream)                     # row 3 begins an episode
     observation = faults.observe(observation, rows)
-    action = faults.act(actions, rows)          # rows: a mask of the rows that step; None for all
-    faults.accept(rows)                         # the task has taken the actions
+    action = faults.act(actions)
+    faults.accept(rows)     # the task has taken them; rows: a mask of the rows that step
     rewards = faults.reward(rewards, rows)
 
 Faults are applied at each control step, in the order of the Real World RL suite: to actions delay,
@@ -181,13 +181,12 @@ class FaultMemory:
 
     # The parts of a step.
 
-    def act(self, given: object, rows: np.ndarray | None = None) -> np.ndarray:
+    def act(self, given: object) -> np.ndarray:
         """The actions that reach the task; nothing is remembered until `accept`.
 
         Args:
           given: the actions, (n, ...), or of a single environment; one of another shape than the
             spec's is returned unchanged, for the task to refuse.
-          rows: mask of rows that step, (n,); the actions of others are unchanged. None for all.
         """
         self._pending = {}
         shape = (
@@ -198,10 +197,7 @@ class FaultMemory:
         if numbers.shape != shape and not is_one_each:
             return numbers
         flat = np.asarray(numbers, float).reshape(len(self.values["key"]), -1)
-        faulty = self._acted(flat)
-        if rows is not None:
-            faulty[~rows] = flat[~rows]
-        return faulty.reshape(numbers.shape)
+        return self._acted(flat).reshape(numbers.shape)
 
     def _acted(self, given: np.ndarray) -> np.ndarray:
         values, settings, new = self.values, self.settings, self._pending
