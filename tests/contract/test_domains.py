@@ -18,12 +18,13 @@ _GENERATED = "limberjack.registry.table"
 _OWN = {suite_module(domain) for domain in _DOMAINS}
 # The list of tasks that a GPU cannot step, which a test compares with what a GPU can step; the
 # arm's figures, which are those of a model of the suite; papers' sets of tasks; the settings of
-# training; the challenges easy, medium and hard, which are names of tasks too.
+# training; the grades easy, medium and hard of other worlds, which are names of tasks too.
 _WITH_A_REASON = {
     "limberjack.gpu",
     "limberjack.planner.arm.geometry",
     "limberjack.registry.sets",
     "limberjack.training.settings",
+    "limberjack.worlds.appearance.options",
     "limberjack.worlds.faults.settings",
 }
 _EVERYWHERE_ELSE = [
