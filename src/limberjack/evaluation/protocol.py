@@ -321,7 +321,6 @@ def _asked_for(task_set: TaskSet, runs: Sequence[str], world: World | None) -> d
         "source": task_set.source,
         "protocol": VERSION,
         "of_tasks": [list(task) for task in task_set.tasks],
-        "world": dict(world) if world else None,
         "seeds": f"{_SEEDS[0]}:{_SEEDS[-1] + 1}",
         "score": f"mean return divided by {_FULL_RETURN:g}",
         "runs": list(runs),
