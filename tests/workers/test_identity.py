@@ -96,7 +96,9 @@ def test_a_world_is_part_of_the_identity() -> None:
 
     plain, easy = identity(None), identity({"faults": "easy"})
     assert plain["world"] is None
-    assert easy["world"] == {"faults": Faults.of("easy").as_json()}
+    # The challenges perturb no parameter of this task.
+    settings = {**Faults.of("easy").as_json(), "perturbation": None}
+    assert easy["world"] == {"faults": settings}
     assert first_difference(plain, easy) == ("world", None, easy["world"])
     hard = identity({"faults": "hard"})
     assert first_difference(easy, hard) == ("world.faults.delay.actions", 3, 9)

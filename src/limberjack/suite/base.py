@@ -23,7 +23,8 @@ from limberjack.rl.pixels import PixelOptions, Pixels
 from limberjack.rl.randomize import Draw
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
-from limberjack.worlds.faults import Parameter
+from limberjack.worlds.appearance import Appearance, AppearanceOptions
+from limberjack.worlds.faults import Faults, Parameter
 
 __all__ = [
     "Kwargs",
@@ -46,6 +47,8 @@ class Options(TypedDict, total=False):
     randomize: Mapping[str, Draw] | None
     pixels: PixelOptions | Pixels | None
     action_repeat: int
+    faults: str | Mapping[str, object] | Faults | None
+    appearance: AppearanceOptions | Appearance | None
 
 
 class StepOptions(Options, total=False):

@@ -169,10 +169,10 @@ def test_rows_have_models_of_their_own(domain: str, task: str, vectorised: bool 
 
 @pytest.mark.parametrize("vectorised", [None, False], ids=["vectorised", "rows"])
 def test_snapshots_copies_and_pickles_have_the_model(vectorised: bool | None) -> None:
-    how: dict[str, Any] = {"num_threads": 1, "seed": 5, "faults": "hard"}
+    how: dict[str, Any] = {"num_threads": 1, "seed": 5, "faults": "hard", "vectorised": vectorised}
 
     def load() -> Any:
-        return suite.load_batch(*_TASK, 2, vectorised=vectorised, **how)
+        return suite.load_batch(*_TASK, 2, **how)
 
     batch = load()
     batch.reset()
