@@ -48,7 +48,7 @@ class Options(TypedDict, total=False):
     pixels: PixelOptions | Pixels | None
     action_repeat: int
     faults: str | Mapping[str, object] | Faults | None
-    appearance: AppearanceOptions | Appearance | None
+    appearance: AppearanceOptions | str | Appearance | None
 
 
 class StepOptions(Options, total=False):
