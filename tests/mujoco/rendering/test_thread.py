@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco import Camera, Physics, camera
-from limberjack.mujoco.rendering import Pending, call, num_threads, prepare, thread
+from limberjack.mujoco import Camera, Physics
+from limberjack.mujoco.rendering import call, prepare
 
 _MODEL = """
 <mujoco>
@@ -29,8 +29,8 @@ _MODEL = """
 _PRELUDE = f"""
 import os, signal, sys, threading, time
 import numpy as np
-from limberjack.mujoco import Camera, Physics, rendering
-from limberjack.mujoco.rendering import RenderingError, thread
+from limberjack.mujoco import Camera, Physics
+from limberjack.mujoco.rendering import RenderingError
 physics = Physics.from_xml_string({_MODEL!r})
 def draw():
     return physics.render(64, 64)
@@ -39,7 +39,6 @@ def draw_rows():
 rows = physics.replicate(6, 1)
 rows.simulation.state[:, 1] = 0.2 * np.arange(6)
 rows.start(np.arange(6))
-thread.num_threads = rendering.num_threads = lambda: 2
 def status(pid):
     end = time.monotonic() + 60
     while time.monotonic() < end:
@@ -132,37 +131,7 @@ def test_nothing_of_a_call_is_kept() -> None:
     assert gone() is None
 
 
-# Several rendering threads.
-
-
-def _angles() -> list[float]:
-    return [0.2 * k for k in range(6)]
-
-
-def _prepared(physics: Physics, thread: int) -> tuple[camera.Drawing, Pending[np.ndarray]]:
-    drawing = physics.begin_render({"height": 64, "width": 64}, thread)
-    return drawing, next(drawing)
-
-
-def test_every_rendering_thread_draws_the_same() -> None:
-    several = [_turned(angle) for angle in _angles()]
-    expected = [physics.render(64, 64) for physics in several]
-    prepared = [_prepared(physics, k % 3) for k, physics in enumerate(several)]
-    for _, pending in prepared:
-        pending.start()
-    drawn = {thread.name for thread in threading.enumerate() if "rendering" in thread.name}
-    assert drawn == {"limberjack-rendering"}
-    for (drawing, _), frame in zip(prepared, expected, strict=True):
-        np.testing.assert_array_equal(camera.completed(drawing), frame)
-
-
-def test_rendering_threads_do_not_wait_for_one_another() -> None:
-    model, both = _turned(0).model._model, threading.Barrier(2)
-    call(model, lambda _: None)  # opens OpenGL
-    several = [prepare(model, lambda _: both.wait(30), thread=number) for number in (0, 1)]
-    for pending in several:
-        pending.start()
-    assert sorted(pending.result() for pending in several) == [0, 1]
+# Calls that are prepared.
 
 
 def test_a_call_that_was_cancelled_is_not_made() -> None:
@@ -202,7 +171,8 @@ def test_a_drawing_that_is_closed_leaves_no_call_behind() -> None:
     gate = threading.Event()
     blocked = prepare(physics.model._model, lambda _: gate.wait(30))
     blocked.start()
-    drawing, pending = _prepared(physics, 0)
+    drawing = physics.begin_render({"height": 64, "width": 64})
+    pending = next(drawing)
     pending.start()
     drawing.close()
     gate.set()
@@ -210,44 +180,6 @@ def test_a_drawing_that_is_closed_leaves_no_call_behind() -> None:
     assert pending._job._claim.locked()
     assert not pending._job._is_done
     np.testing.assert_array_equal(physics.render(64, 64), frame)
-
-
-class _Backend:
-    """A backend of another kind."""
-
-    def __init__(self, name: str, renderer: str) -> None:
-        self.name, self.renderer = name, renderer
-
-
-@pytest.mark.parametrize(
-    ("backend", "expected"),
-    [
-        (None, 1),
-        (_Backend("egl", "llvmpipe (LLVM 15.0.6, 256 bits)"), 3),
-        (_Backend("egl", "NVIDIA H100"), 1),
-        (_Backend("glfw", "llvmpipe (LLVM 15.0.6, 256 bits)"), 1),
-    ],
-)
-def test_several_threads_draw_only_where_that_was_measured(
-    backend: Any, expected: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(thread._process, "backend", lambda: backend)
-    monkeypatch.setattr(thread, "usable_cores", lambda: 3)
-    monkeypatch.delenv("LP_NUM_THREADS", raising=False)
-    assert num_threads() == expected
-
-
-@pytest.mark.parametrize(
-    ("limit", "cores", "expected"),
-    [("", 64, thread._MOST_THREADS), ("2", 64, 2), ("0", 64, 1), ("many", 2, 2), ("3", 2, 2)],
-)
-def test_rendering_threads_are_limited_by_cores_and_by_mesas_own_limit(
-    limit: str, cores: int, expected: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(thread._process, "backend", lambda: _Backend("egl", "llvmpipe"))
-    monkeypatch.setattr(thread, "usable_cores", lambda: cores)
-    monkeypatch.setenv("LP_NUM_THREADS", limit)
-    assert num_threads() == expected
 
 
 # Interrupts.
@@ -355,7 +287,7 @@ renderer.close()
 
 
 @needs_fork
-def test_a_child_of_several_rendering_threads_draws_rows_on_as_many(
+def test_a_child_draws_rows_while_its_parent_does(
     run_script: Callable[..., str],
 ) -> None:
     script = f"""{_PRELUDE}
@@ -368,10 +300,7 @@ other.start()
 for _ in range(3):
     pid = os.fork()
     if pid == 0:
-        drawn = draw_rows()
-        threads = [each.name for each in threading.enumerate()]
-        is_right = np.array_equal(drawn, frames) and threads.count("limberjack-rendering") == 2
-        sys.exit(0 if is_right else 3)
+        sys.exit(0 if np.array_equal(draw_rows(), frames) else 3)
     print(status(pid), flush=True)
 is_over = True
 other.join()

@@ -23,7 +23,7 @@ from limberjack.mujoco.rendering.egl import Egl, device_in_environment
 from limberjack.mujoco.rendering.native import RenderingError, UnavailableError, fail
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Backend", "RenderingError", "is_software", "names", "open_backend"]
+__all__ = ["Backend", "RenderingError", "names", "open_backend"]
 
 _VARIABLE = "MUJOCO_GL"
 # Values of MUJOCO_GL that MuJoCo accepts besides the backends' names.
@@ -104,16 +104,11 @@ def open_backend(
     raise error
 
 
-def is_software(backend: Backend) -> bool:
-    """Whether it is a software renderer of Mesa."""
-    return any(name in backend.renderer for name in _SOFTWARE_RENDERERS)
-
-
 def _reopened(inherited: Backend | None) -> Backend:
     """Mesa's software renderer, through an entry point that the parent process did not use."""
     if inherited is not None:
-        is_mesa = is_software(inherited)
-        if not isinstance(inherited, Egl) or inherited.is_surfaceless or not is_mesa:
+        is_software = any(name in inherited.renderer for name in _SOFTWARE_RENDERERS)
+        if not isinstance(inherited, Egl) or inherited.is_surfaceless or not is_software:
             fail("not Mesa's software renderer, or already opened again after a fork")
     return Egl(surfaceless=True)
 

@@ -1,15 +1,13 @@
-"""The rendering threads, the only threads of the process that call OpenGL.
+"""The rendering thread, the only thread of the process that calls OpenGL.
 
     picture = call(model, draw, scene, size=(240, 320))    # runs draw(mjr_context, scene) there
-    pending = prepare(model, draw, scene, size=(240, 320), thread=1)
+    pending = prepare(model, draw, scene, size=(240, 320))
     pending.start()
     picture = pending.result()
 
-The first one starts with the first picture, and draws all but the rows of a batch, which several
-may draw at once. Any thread may call; the calls of a rendering thread run one after the other, so
-an OpenGL context that is current in the caller's thread stays current. Each rendering thread has
-its own canvases; they share the backend. `backends.py` opens OpenGL, `canvases.py` manages the
-resources of models, and `pictures.py` draws pictures.
+It starts with the first picture. Any thread may call; calls run one after the other on a dedicated
+thread, so an OpenGL context that is current in the caller's thread stays current. `backends.py`
+opens OpenGL, `canvases.py` manages the resources of models, and `pictures.py` draws pictures.
 """
 
 import atexit
@@ -26,18 +24,15 @@ from typing import Generic, TypeVar
 import mujoco
 
 from limberjack.mujoco import exit_guard
-from limberjack.mujoco.rendering.backends import Backend, RenderingError, is_software
+from limberjack.mujoco.rendering.backends import Backend, RenderingError
 from limberjack.mujoco.rendering.canvases import Canvases
-from limberjack.utils.cores import usable_cores
 
-__all__ = ["Pending", "backend", "call", "num_threads", "prepare", "use_device"]
+__all__ = ["Pending", "backend", "call", "prepare", "use_device"]
 
 # Seconds that the first picture after a fork may take before OpenGL is considered hung.
 _FORK_PATIENCE = 30.0
 # Seconds; a picture takes far less.
 _LONGEST_JOB = 10.0
-# Rendering threads that draw the rows of a batch; with Mesa, a model takes 75 MB in each.
-_MOST_THREADS = 4
 
 
 _T = TypeVar("_T")
@@ -127,7 +122,7 @@ class _RenderingThread(threading.Thread):
 
 
 class Pending(Generic[_T]):
-    """A call of a drawing function that a rendering thread is to make.
+    """A call of a drawing function that the rendering thread is to make.
 
     Args:
       job: the call.
@@ -164,10 +159,10 @@ class Pending(Generic[_T]):
 
 
 class _Process:
-    """The rendering threads of this process, managed across forks and at exit."""
+    """The rendering thread of this process, managed across forks and at exit."""
 
     def __init__(self) -> None:
-        self._threads: list[_RenderingThread] = []
+        self._thread: _RenderingThread | None = None
         self._start = threading.Lock()
         self._first_pid = os.getpid()
         self._is_watched = False
@@ -179,7 +174,6 @@ class _Process:
 
     def prepared(
         self,
-        number: int,
         model: mujoco.MjModel,
         size: tuple[int, int],
         may_have_changed: bool,
@@ -187,9 +181,8 @@ class _Process:
         function: Callable[..., _T],
         args: tuple[object, ...],
     ) -> Pending[_T]:
-        """A drawing function to run on a rendering thread, which is started if necessary."""
-        threads = self._threads
-        thread = threads[number] if number < len(threads) else self._started_thread(number)
+        """A drawing function to run on the rendering thread, which is started if necessary."""
+        thread = self._thread or self._started_thread()
         if thread.is_hung:
             raise RenderingError(_HUNG)
         may_hang = self._is_forked() and thread.canvases.backend is None
@@ -200,8 +193,8 @@ class _Process:
 
     def backend(self) -> Backend | None:
         """The backend in use; None before the first picture."""
-        threads = self._threads
-        return threads[0].canvases.backend if threads else None
+        thread = self._thread
+        return None if thread is None else thread.canvases.backend
 
     def use_device(self, number: int | None) -> None:
         """Selects the device, before the first picture."""
@@ -212,23 +205,22 @@ class _Process:
                     "before the first picture"
                 )
             self._device = number
-            for thread in self._threads:
-                thread.canvases.device = number
+            if self._thread is not None:
+                self._thread.canvases.device = number
 
-    def _started_thread(self, number: int) -> _RenderingThread:
+    def _started_thread(self) -> _RenderingThread:
         if self._is_exiting:
             if threading.current_thread().daemon:
                 exit_guard.wait_forever()  # an error would be printed
             raise RenderingError("the interpreter is exiting: nothing can be rendered any more")
         with self._start:
-            while len(self._threads) <= number:
+            if self._thread is None:
                 self._watch()
                 canvases = Canvases(self._is_forked(), self._inherited, self._device)
-                canvases.backend = self.backend()
                 thread = _RenderingThread(canvases)
                 thread.start()
-                self._threads.append(thread)
-            return self._threads[number]
+                self._thread = thread
+            return self._thread
 
     def _watch(self) -> None:
         """Registers handlers for forks and for the exit of the process."""
@@ -246,36 +238,35 @@ class _Process:
             )
 
     def _exit(self) -> None:
-        """Frees OpenGL's resources and ends the threads, which would crash the exit inside C."""
+        """Frees OpenGL's resources and ends the thread, which would crash the exit inside C."""
         self._is_exiting = True
-        threads, self._threads = self._threads, []
-        for thread in threads:
+        thread, self._thread = self._thread, None
+        if thread is not None:
             thread.do_call(thread.canvases.close)
             thread.jobs.put(None)
-        for thread in threads:
             thread.join(0 if thread.is_hung else _LONGEST_JOB)
 
     def _before_fork(self) -> None:
-        """Waits for the pictures in progress, which the child could not finish."""
-        self._at_fork.busy = [thread.busy for thread in self._threads]
-        for busy in self._at_fork.busy:
-            busy.acquire(timeout=_LONGEST_JOB)
+        """Waits for the picture in progress, which the child could not finish."""
+        self._at_fork.busy = None
+        if self._thread is not None:
+            self._at_fork.busy = self._thread.busy
+            self._at_fork.busy.acquire(timeout=_LONGEST_JOB)
 
     def _after_fork(self) -> None:
-        for busy in self._at_fork.busy:
+        if self._at_fork.busy is not None:
             # Not acquired, because of Ctrl-C or because a picture takes too long.
             with contextlib.suppress(RuntimeError):
-                busy.release()
+                self._at_fork.busy.release()
 
     def _after_fork_in_child(self) -> None:
         # No other thread exists in the child, whatever locks it held.
         self._start = threading.Lock()
-        self._inherited = self.backend() or self._inherited
-        threads, self._threads = self._threads, []
-        for thread in threads:
+        thread, self._thread = self._thread, None
+        if thread is not None:
             # Never freed: freeing would act on whatever OpenGL context is current here.
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(thread))
-        if threads:
+            self._inherited = thread.canvases.backend or self._inherited
             _leave_out_exit_handlers()
 
     def _is_forked(self) -> bool:
@@ -309,9 +300,8 @@ def prepare(
     size: tuple[int, int] = (0, 0),
     may_have_changed: bool = True,
     is_private: bool = False,
-    thread: int = 0,
 ) -> Pending[_T]:
-    """The call `function(mjr_context, *args)`, to be made on a rendering thread.
+    """The call `function(mjr_context, *args)`, to be made on the rendering thread.
 
     Until it has ended, or `settle` has, nothing that it uses may be changed.
 
@@ -323,12 +313,11 @@ def prepare(
       may_have_changed: whether to look for changes of the model's height fields, textures and
         meshes since it was last drawn; this takes up to a millisecond.
       is_private: whether to give the model its own context; for functions that change it.
-      thread: number of the rendering thread, below `num_threads()`.
 
     Raises:
       RenderingError: OpenGL is not available.
     """
-    return _process.prepared(thread, model, size, may_have_changed, is_private, function, args)
+    return _process.prepared(model, size, may_have_changed, is_private, function, args)
 
 
 def call(
@@ -339,28 +328,12 @@ def call(
     may_have_changed: bool = True,
     is_private: bool = False,
 ) -> _T:
-    """The result of `function(mjr_context, *args)`, called on the first rendering thread.
+    """The result of `function(mjr_context, *args)`, called on the rendering thread.
 
     If Ctrl-C interrupts the call, the function has finished or was never started. Arguments and
     errors are those of `prepare`.
     """
-    how = size, may_have_changed, is_private
-    return _process.prepared(0, model, *how, function, args).result()
-
-
-def num_threads() -> int:
-    """The number of rendering threads that draw several pictures faster than one does.
-
-    That is 1 before the first picture, and 1 unless Mesa's software renderer draws through EGL:
-    others were not measured, and some libraries' windows belong to one thread. Mesa's own limit of
-    its threads, LP_NUM_THREADS, is a limit here too.
-    """
-    backend = _process.backend()
-    if backend is None or backend.name != "egl" or not is_software(backend):
-        return 1
-    limit = os.environ.get("LP_NUM_THREADS", "")
-    own = max(1, int(limit)) if limit.isdecimal() else _MOST_THREADS
-    return min(_MOST_THREADS, usable_cores(), own)
+    return _process.prepared(model, size, may_have_changed, is_private, function, args).result()
 
 
 def backend() -> Backend | None:
