@@ -38,8 +38,11 @@ _OF_THEIRS = {_SMALL: at_least(1.8), _LARGE: at_least(1.0)}
 _FAST = at_least(2.5)
 # Of a batch's rows over bare renders of the same.
 _OF_BARE_ROWS = at_least(0.9)
+# Of a batch's rows over single environments, one after the other, on two cores with a software
+# renderer. With shadows, Mesa occupies both cores with one picture already.
+_OF_LOOP = {"fast": at_least(1.3), "full": None}
 
-_OURS, _BARE, _QUICKER, _DEPTH = "ours", "bare", "fast", "depth"
+_OURS, _BARE, _QUICKER, _DEPTH, _LOOP = "ours", "bare", "fast", "depth", "loop"
 
 # Renders the current state.
 _Player = Callable[[], np.ndarray]
@@ -54,11 +57,12 @@ class Effort:
     frames: int  # of each state, by each
     tasks: int
     rows: int  # of the batch
+    many_rows: int  # of the batch beside a loop
 
 
-_FULL = Effort(rounds=40, large_rounds=20, frames=3, tasks=len(_TASKS), rows=16)
+_FULL = Effort(rounds=40, large_rounds=20, frames=3, tasks=len(_TASKS), rows=16, many_rows=64)
 # Only checks that the benchmark works; its figures are meaningless.
-_QUICK = Effort(rounds=1, large_rounds=1, frames=1, tasks=1, rows=2)
+_QUICK = Effort(rounds=1, large_rounds=1, frames=1, tasks=1, rows=2, many_rows=3)
 
 
 def main(
@@ -74,7 +78,7 @@ def main(
     rows = []
     for task in _TASKS[: effort.tasks]:
         typer.echo(f"measuring: {':'.join(task)}", err=True)
-        rows += _of_singles(task, effort) + _of_batches(task, effort)
+        rows += _of_singles(task, effort) + _of_batches(task, effort) + _of_loops(task, effort)
     rows.sort(key=lambda row: [name for name, _ in _MEASURES].index(row.measure))
     renderer = _renderer()
     typer.echo(f"drawn by {renderer}")
@@ -89,6 +93,7 @@ _MEASURES = (
     ("fast / full", (_QUICKER, _OURS)),
     ("depth / colours", (_DEPTH, _OURS)),
     ("batch / mujoco.Renderer", (_OURS, _BARE)),
+    ("batch / loop", (_OURS, _LOOP)),
 )
 
 
@@ -109,12 +114,26 @@ def _of_singles(task: tuple[str, str], effort: Effort) -> list[Row]:
 
 def _of_batches(task: tuple[str, str], effort: Effort) -> list[Row]:
     """The row of one task's batch, at the small size."""
-    measure, (upper, lower) = _MEASURES[-1]
+    measure, (upper, lower) = _MEASURES[-2]
     rounds = max(1, effort.rounds // effort.rows * 4)
     taken = _Batch(task, _SMALL, effort.rows).play(rounds, 1)
     subject = f"{':'.join(task)} {effort.rows} x {_SMALL[0]}x{_SMALL[1]}"
     per_frame = {name: [s / effort.rows for s in seconds] for name, seconds in taken.items()}
     return [_row(measure, subject, per_frame, (upper, lower), _OF_BARE_ROWS)]
+
+
+def _of_loops(task: tuple[str, str], effort: Effort) -> list[Row]:
+    """The rows of one task's batch beside as many single environments, in each quality."""
+    measure, (upper, lower) = _MEASURES[-1]
+    count, is_software = effort.many_rows, any(name in _renderer() for name in _SOFTWARE)
+    rows = []
+    for quality, bar in _OF_LOOP.items():
+        taken = _Loop(task, _SMALL, count, quality).play(max(1, effort.rounds // 5), 1)
+        subject = f"{':'.join(task)} {count} x {_SMALL[0]}x{_SMALL[1]} {quality}"
+        per_frame = {name: [s / count for s in seconds] for name, seconds in taken.items()}
+        given = per_frame, (upper, lower), bar if is_software else None
+        rows.append(_row(measure, subject, *given))
+    return rows
 
 
 def _row(
@@ -236,6 +255,35 @@ class _Batch(_Contest):
 
     def advance(self) -> None:
         self._batch.step(self._random.uniform(-1, 1, self._batch.action_spec().shape))
+
+
+class _Loop(_Contest):
+    """A batch's rows, rendered by `BatchEnvironment`, and single environments in turn."""
+
+    alike = (_OURS, _LOOP)
+
+    def __init__(
+        self, task: tuple[str, str], size: tuple[int, int], rows: int, quality: str
+    ) -> None:
+        suite = peers.suite(peers.OURS, draws=True)
+        self._batch = suite.load_batch(*task, num_envs=rows, seed=_SEED)
+        self._singles = [suite.load(*task, {"random": _SEED + row}) for row in range(rows)]
+        for each in (self._batch, *self._singles):
+            each.reset()
+        self._random = np.random.RandomState(_SEED)
+        height, width = size
+        how: dict[str, Any] = {"camera_id": 0, "quality": quality}
+        drawn = [_drawing(single, height, width, quality=quality) for single in self._singles]
+        self.players = {
+            _OURS: lambda: self._batch.render(height=height, width=width, **how),
+            _LOOP: lambda: np.stack([draw() for draw in drawn]),
+        }
+
+    def advance(self) -> None:
+        actions = self._random.uniform(-1, 1, self._batch.action_spec().shape)
+        self._batch.step(actions)
+        for single, action in zip(self._singles, actions, strict=True):
+            single.step(action)
 
 
 def _drawing(environment: Any, height: int, width: int, **how: Any) -> _Player:
