@@ -203,7 +203,8 @@ def test_the_floor_before_a_background_is_that_of_the_published_suite() -> None:
 
 
 def test_two_simulations_of_one_model_keep_their_own_textures() -> None:
-    first, second = _physics("walker"), _physics("walker")
+    first, second = (suite.load("walker", "walk", {"random": 0}).physics for _ in range(2))
+    assert first.model._model is second.model._model
     looks = [_look({"background": "noise"}, seed) for seed in (0, 1)]
     stages = [
         staged(look, one.model._model, one.data._data)
