@@ -36,6 +36,7 @@ _TRACKS = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM.value
 _COLOURS = mujoco.mjtTextureRole.mjTEXROLE_RGB.value
 _FLOOR, _BODY = "grid", "self"  # materials of the suite's common/materials.xml
 _FACES = 6  # of a sky
+_SAMPLED = 4099  # bytes from one to the next; a prime, so that they are of all channels
 _MOST_SKY = 256  # pixels of a side of a sky that is repainted; a film of 480 shows half of a side
 # Opacity of the floor before a background: DCS has 0 for the reacher, whose camera looks straight
 # down, 1 where the camera follows the body (walker, cheetah), and 0.3 for the other three domains.
@@ -43,6 +44,14 @@ _SEEN_FROM_ABOVE, _WALKED_ON, _OTHERWISE = 0.0, 1.0, 0.3
 
 # Of models: the centre of mass of the first body's tree in the model's initial pose, (3,).
 _centres: weakref.WeakKeyDictionary[mujoco.MjModel, np.ndarray] = weakref.WeakKeyDictionary()
+# Of models: bytes from all over the sky, by which an edit is noticed, and the sky in few pixels.
+_small_skies: weakref.WeakKeyDictionary[mujoco.MjModel, tuple[bytes, np.ndarray]] = (
+    weakref.WeakKeyDictionary()
+)
+# Of looks: the model, and its textures in the colours of the palette.
+_palettes: weakref.WeakKeyDictionary[
+    Look, tuple[weakref.ref[mujoco.MjModel], dict[int, np.ndarray]]
+] = weakref.WeakKeyDictionary()
 # Of simulations: two that share a model may be drawn at the same time.
 _stages: weakref.WeakKeyDictionary[mujoco.MjData, "_Stage"] = weakref.WeakKeyDictionary()
 
@@ -119,24 +128,37 @@ def _shapes(textures: Mapping[int, np.ndarray]) -> dict[int, tuple[int, ...]]:
 
 def _textures(look: Look, model: mujoco.MjModel, time: float) -> dict[int, np.ndarray]:
     """Textures of the model by number that look otherwise, (height, width, 3) uint8."""
-    options, palette = look.options, look.palette
+    options = look.options
+    textures = dict(_of_palette(look, model))
+    sky, floor = _sky(model), _floor_texture(model)
+    if options.background is None or sky is None:
+        return textures
+    if options.place == "picture":
+        # One colour needs no more pixels.
+        green = np.full((8, 8, 3), GREEN)
+        if floor is not None and options.floor == 0.0:
+            textures[floor] = green
+        return {**textures, sky: green}
+    frame = look.background(time)
+    return textures if frame is None else {**textures, sky: frame}
+
+
+def _of_palette(look: Look, model: mujoco.MjModel) -> dict[int, np.ndarray]:
+    """Textures of the model by number in the colours of a palette, drawn once for an episode."""
+    palette = look.palette
+    if palette is None:
+        return {}
+    kept = _palettes.get(look)
+    if kept is not None and kept[0]() is model:
+        return kept[1]
     sky, floor = _sky(model), _floor_texture(model)
     textures = {}
-    is_screen = options.place == "picture" and options.background is not None
     if sky is not None:
-        frame = look.background(time) if options.background is not None else None
-        if is_screen:
-            textures[sky] = np.full((8, 8, 3), GREEN)  # one colour needs no more pixels
-        elif frame is not None:
-            textures[sky] = frame
-        elif palette is not None:
-            textures[sky] = repainted_sky(_small_sky(model, sky), palette.sky)
+        textures[sky] = repainted_sky(_small_sky(model, sky), palette.sky)
     if floor is not None:
-        if is_screen and options.floor == 0.0:
-            textures[floor] = np.full((8, 8, 3), GREEN)
-        elif palette is not None:
-            colors = palette.floor, palette.second_floor
-            textures[floor] = repainted_floor(_pixels(model, floor), *colors)
+        colors = palette.floor, palette.second_floor
+        textures[floor] = repainted_floor(_pixels(model, floor), *colors)
+    _palettes[look] = weakref.ref(model), textures
     return textures
 
 
@@ -286,9 +308,15 @@ def _pixels(model: mujoco.MjModel, number: int) -> np.ndarray:
 def _small_sky(model: mujoco.MjModel, number: int) -> np.ndarray:
     """The sky with sides of a few pixels, each the mean of those that it stands for."""
     pixels = _pixels(model, number)
+    sample = pixels.reshape(-1)[::_SAMPLED].tobytes()
+    kept = _small_skies.get(model)
+    if kept is not None and kept[0] == sample:
+        return kept[1]
     width = pixels.shape[1]
     share = -(-width // _MOST_SKY)
     while width % share:
         share += 1
     blocks = pixels.reshape(-1, share, width // share, share, 3)
-    return blocks.mean(axis=(1, 3)).astype(np.uint8)
+    small = blocks.mean(axis=(1, 3)).astype(np.uint8)
+    _small_skies[model] = sample, small
+    return small

@@ -174,6 +174,7 @@ class Look:
         if options.palette is not None:
             self.palette = palette(self._stream(_PALETTE), level(options.palette))
         self._background: Noise | Shown | None = None
+        self._frame: tuple[int, np.ndarray] | None = None  # the last one, after so many changes
         moves = "background" in options.moving
         if clips and options.order == "next":
             self._background = Shown.next(seed[0] + episode, clips, moves)
@@ -223,7 +224,10 @@ class Look:
         """The background at a time, (n, n, 3) uint8; None for the model's sky."""
         if self._background is None:
             return None
-        return self._background.at(self._changes("background", time))
+        changes = self._changes("background", time)
+        if self._frame is None or self._frame[0] != changes:
+            self._frame = changes, self._background.at(changes)
+        return self._frame[1]
 
     def _changes(self, part: str, time: float) -> int:
         """The number of changes of a part until a time."""
