@@ -895,6 +895,19 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        _check(data.model._model, self.get_state(STATE))\n", ""),
         ("            model.opt.disableflags = self._flags_before\n", ""),
     ],
+    "mujoco/rendering/thread.py": [
+        ("            self._is_started = True\n", "            pass\n"),
+        (
+            "        except BaseException:\n            self.settle()\n            raise\n",
+            "        except ZeroDivisionError:\n            raise\n",
+        ),
+    ],
+    "mujoco/camera.py": [
+        (
+            "        finally:  # also if the drawing is closed\n            pending.settle()",
+            "        finally:  # also if the drawing is closed\n            pass",
+        ),
+    ],
     "mujoco/replicas.py": [
         ("        vars(one).update(like._attributes())\n", ""),
         ("one.simulation.sets_constants = like", "one.simulation.sets_constants = False and like"),

@@ -142,13 +142,20 @@ def test_a_call_that_was_cancelled_is_not_made() -> None:
     assert call(model, lambda _: list(calls)) == []
 
 
-def test_the_result_of_a_call_starts_it_once() -> None:
-    model, calls = _turned(0).model._model, []
+def test_the_result_of_a_call_starts_it_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, calls, queued = _turned(0).model._model, [], []
     pending = prepare(model, lambda _: calls.append(1))
+    queue = pending._thread.do
+
+    def counted(job: Callable[[], None]) -> None:
+        queued.append(job)
+        queue(job)
+
+    monkeypatch.setattr(pending._thread, "do", counted)
     pending.start()
     pending.start()
     assert pending.result() is None
-    assert call(model, lambda _: list(calls)) == [1]
+    assert len(queued) == len(calls) == 1
 
 
 def test_an_interrupted_wait_cancels_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,6 +184,7 @@ def test_a_drawing_that_is_closed_leaves_no_call_behind() -> None:
     drawing.close()
     gate.set()
     assert blocked.result()
+    call(physics.model._model, lambda _: None)  # after what was queued
     assert pending._job._claim.locked()
     assert not pending._job._is_done
     np.testing.assert_array_equal(physics.render(64, 64), frame)
