@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from dm_env import specs
 
-from limberjack import suite
+from limberjack import gym, suite
 from limberjack.rl.batch_contract import Batch
 from limberjack.worlds.faults import FaultMemory, Faults
 
@@ -382,3 +382,25 @@ def test_tasks_of_many_have_their_faults() -> None:
         actions = np.random.RandomState(0).uniform(-1, 1, many.action_spec().shape)
         found = many.step(actions)
         apart = [one.step(actions[2 * n : 2 * n + 2, : 2 - n]) for n, one in enumerate(alone)]
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_rows_of_both_kinds_are_equal_in_each_autoreset_mode(mode: str) -> None:
+    how: dict[str, Any] = {"faults": _ALL, "time_limit": _SHORT, "autoreset_mode": mode}
+    first, second = (
+        gym.load_vector("reacher", "easy", _ROWS, vectorised=vectorised, **how)
+        for vectorised in (True, False)
+    )
+    begun = [envs.reset(seed=_SEED)[0] for envs in (first, second)]
+    ended = np.zeros(_ROWS, bool)
+    for action in np.random.RandomState(0).uniform(-1, 1, (40, _ROWS, 2)):
+        if mode == "Disabled" and ended.any():
+            options = {"reset_mask": ended}
+            begun = [envs.reset(options=options)[0] for envs in (first, second)]
+        for name, values in begun[0].items():
+            np.testing.assert_array_equal(values, begun[1][name], name)
+        (one, *rest, _), (other, *others, _) = first.step(action), second.step(action)
+        begun = [one, other]
+        for left, right in zip(rest, others, strict=True):
+            np.testing.assert_array_equal(left, right)
+        ended = rest[1] | rest[2]
