@@ -1106,8 +1106,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "viewer/__init__.py": [
         ("            self._last = None\n            return begin", "            return begin"),
         (
-            "        self._last = Plan(stage, terms)",
-            "        self._last = self._last or Plan(stage, terms)",
+            "        self._last = Plan(stage, terms, self",
+            "        self._last = self._last or Plan(stage, terms, self",
         ),
     ],
     "viewer/guard.py": [
