@@ -252,6 +252,7 @@ def test_fast_pictures_keep_a_sky_that_is_a_background() -> None:
     physics, look = _physics("walker"), _look({"background": "noise"})
     fast = _drawn(physics, look, quality="fast")
     assert fast[:6].std() > 10
+    assert flags_for(look, {"skybox": False, "shadow": False}) == {"skybox": True, "shadow": False}
     assert flags_for(_look({"colors": 0.1}), {"skybox": False}) == {"skybox": False}
 
 
