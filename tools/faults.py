@@ -55,7 +55,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("first = status.step - len(values) + 1", "first = status.step - len(values)"),
         ("np.clip(value, actuator.low, actuator.high)", "value"),
         ("self._weights.setdefault(name, weight) or 1.0", "weight or 1.0"),
-        ("imgui.GetIO().KeyShift and ", ""),
+        (" and imgui.GetIO().KeyShift:", ":"),
     ],
     "viewer/session.py": [
         ("self._seed = seed - self._episodes\n", "self._seed = seed\n"),

@@ -51,6 +51,33 @@ def test_arguments_that_cannot_be_parsed_are_status_2(arguments: list[str]) -> N
     assert "Traceback" not in result.output
 
 
+def test_without_a_command_five_to_begin_with_are_shown_and_each_is_understood() -> None:
+    result = invoke()
+    assert result.exit_code == 0
+    shown = [line.split() for line in result.stdout.splitlines() if line.startswith("  limberjack")]
+    assert len(shown) == 5
+    commands = typer.main.get_command(app)
+    for program, name, *arguments in shown:
+        assert program == "limberjack"
+        command = commands.commands[name]  # pyright: ignore[reportAttributeAccessIssue] (a group)
+        command.make_context(name, arguments)  # it raises an error for arguments that it lacks
+
+
+def test_the_system_s_errors_are_reported_without_their_number(tmp_path: Path) -> None:
+    result = invoke("run", "cartpole", "balance", "--policy", f"mlp:{tmp_path / 'no'}")
+    assert result.exit_code == 2
+    assert "Errno" not in result.stderr
+    assert f"No such file or directory: '{tmp_path / 'no'}'" in " ".join(result.stderr.split())
+
+
+def test_numbers_have_short_types_in_help() -> None:
+    text = invoke("evaluate", "--help").stdout + invoke("record", "--help").stdout
+    assert " N " in text
+    assert " X " in text
+    for long in ("<int", "<float", "INTEGER", "FLOAT"):
+        assert long not in text
+
+
 _SHELL = [sys.executable, "-m", "limberjack", "policies"]
 
 

@@ -39,16 +39,23 @@ def test_without_a_terminal_a_long_row_is_one_line(capsys: pytest.CaptureFixture
     assert "x" * 150 in _printed(rows, capsys)[-1]
 
 
-@pytest.mark.parametrize("error", [ValueError("no such\n  task"), FileNotFoundError(2, "no file")])
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (ValueError("no such\n  task"), "no such task"),
+        (FileNotFoundError(2, "no file", "a.toml"), "no file: 'a.toml'"),
+        (ValueError("--config: [Errno 13] no access"), "--config: no access"),
+    ],
+)
 def test_an_error_in_the_arguments_is_one_line_and_status_2(
-    error: Exception, capsys: pytest.CaptureFixture[str]
+    error: Exception, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(typer.Exit) as end, output.misuse_reported():
         raise error
     assert end.value.exit_code == output.MISUSED
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err == f"limberjack: {' '.join(str(error).split())}\n"
+    assert said.err == f"limberjack: {text}\n"
 
 
 def test_an_error_of_the_program_itself_is_not_hidden() -> None:

@@ -134,7 +134,7 @@ def test_other_versions_and_another_model_are_named(pendulums: Dataset) -> None:
     ("changes", "message"),
     [
         ({"domain": "pendulums"}, "Domain 'pendulums' does not exist"),
-        ({"task": "walk"}, "Level 'walk' does not exist"),
+        ({"task": "walk"}, "Task 'walk' does not exist"),
         ({"domain": "acrobot"}, "has other episodes here than in the dataset, whose"),
         ({"control_timestep": 0.01}, "has other episodes here"),
     ],

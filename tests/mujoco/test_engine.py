@@ -101,6 +101,15 @@ def test_every_constructor_makes_the_same_simulation(tmp_path: Path) -> None:
         assert swing(other, 20) == expected
 
 
+def test_the_repr_has_the_domain_the_rows_and_the_sizes() -> None:
+    physics = suite.load("cartpole", "balance").physics
+    assert repr(physics) == "<cartpole.Physics: nq=2, nv=2, nu=1>"
+    batch = suite.load_batch("cartpole", "balance", 3).physics
+    assert repr(batch) == "<cartpole.Physics, 3 rows: nq=2, nv=2, nu=1>"
+    physics.free()
+    assert repr(physics) == "<cartpole.Physics, closed>"
+
+
 def test_assets_are_found_by_name() -> None:
     xml = "<mujoco><include file='./parts/body.xml'/></mujoco>"
     part = "<mujoco><worldbody><body name='included'/></worldbody></mujoco>"

@@ -67,7 +67,7 @@ def test_one_task_and_several_are_not_mixed(given: Any, message: str) -> None:
 
 
 def test_an_unknown_task_is_named() -> None:
-    with pytest.raises(ValueError, match=r"Level .swingip. does not exist.*Did you mean .swingup."):
+    with pytest.raises(ValueError, match=r"Task .swingip. does not exist.*Did you mean .swingup."):
         suite.load_batch(["reacher:easy", "pendulum:swingip"], rows=1)
 
 

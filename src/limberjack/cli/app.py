@@ -78,7 +78,7 @@ app = typer.Typer(
         "limberjack run humanoid walk --policy random --out demo",
         "limberjack COMMAND -h",
     ),
-    no_args_is_help=True,
+    invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",  # joins the lines of a paragraph
     pretty_exceptions_enable=False,
@@ -153,8 +153,33 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+# Shown by the program without a command: what each does, and the command.
+_TO_BEGIN_WITH = {
+    "lists the tasks": "limberjack list",
+    "shows a trained policy, live in a browser": (
+        "limberjack view cartpole balance --policy pretrained"
+    ),
+    "plays an episode, with a film and a report": (
+        "limberjack run walker walk --policy pretrained --out demo"
+    ),
+    "measures a policy over 100 episodes": (
+        "limberjack evaluate walker walk --policy pretrained --episodes 100"
+    ),
+    "trains a policy": "limberjack train cartpole balance --out trained",
+}
+
+
+def _greet() -> None:
+    """Prints the commands to begin with."""
+    typer.echo("Control tasks on MuJoCo. Five commands to begin with:\n")
+    for effect, line in _TO_BEGIN_WITH.items():
+        typer.echo(f"  {line}\n      {effect}")
+    typer.echo("\nlimberjack -h shows all commands, and limberjack COMMAND -h explains one.")
+
+
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
@@ -170,3 +195,5 @@ def _options(
     ] = None,
 ) -> None:
     _import(modules or [])
+    if context.invoked_subcommand is None:
+        _greet()

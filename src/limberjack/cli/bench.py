@@ -30,12 +30,15 @@ _LABELS = {
 def _bench(
     domain: Domain,
     task: TaskName = None,
-    num_envs: Annotated[int, typer.Option(min=1, help="Environments in the batch.")] = 256,
+    num_envs: Annotated[
+        int, typer.Option(metavar="N", min=1, help="Environments in the batch.")
+    ] = 256,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="The most to try; by default the usable cores.")
+        int | None,
+        typer.Option(metavar="N", min=1, help="The most to try; by default the usable cores."),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(help="Approximate time for each of the two comparisons.")
+        float, typer.Option(metavar="X", help="Approximate time for each of the two comparisons.")
     ] = 3.0,
     device: Annotated[
         str | None, typer.Option(help="Measure MuJoCo Warp on it instead, such as cuda:0.")

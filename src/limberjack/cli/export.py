@@ -36,7 +36,7 @@ def _export(
         ),
     ] = None,
     action_repeat: Annotated[
-        int, typer.Option(min=1, help="Control steps per action in training.")
+        int, typer.Option(metavar="N", min=1, help="Control steps per action in training.")
     ] = 1,
 ) -> None:
     """Write the policy of a saved model to a file that is played without PyTorch, as mlp:FILE.

@@ -87,7 +87,7 @@ TaskSet = Annotated[
         "walker:walk,fish:swim. In names of policies {domain} and {task} stand for each task's.",
     ),
 ]
-Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode.")]
+Seed = Annotated[int, typer.Option(metavar="N", min=0, max=SEEDS - 1, help="Of the episode.")]
 Seeds = Annotated[
     str | None,
     typer.Option(
@@ -96,7 +96,12 @@ Seeds = Annotated[
 ]
 Episodes = Annotated[
     int | None,
-    typer.Option(min=1, max=SEEDS, help="The first seeds only; without --seeds, those from 0 on."),
+    typer.Option(
+        metavar="N",
+        min=1,
+        max=SEEDS,
+        help="The first seeds only; without --seeds, those from 0 on.",
+    ),
 ]
 _OUT = typer.Option(metavar="DIR", help="Write the results into this folder.")
 Out = Annotated[Path | None, _OUT]
@@ -104,15 +109,18 @@ RequiredOut = Annotated[Path, _OUT]
 Threads = Annotated[
     int | None,
     typer.Option(
-        min=1, help="Threads that step the batch, or of each worker; by default all cores."
+        metavar="N",
+        min=1,
+        help="Threads that step the batch, or of each worker; by default all cores.",
     ),
 ]
 TimeLimit = Annotated[
-    float | None, typer.Option(help="Seconds per episode; the task's own by default.")
+    float | None, typer.Option(metavar="X", help="Seconds per episode; the task's own by default.")
 ]
 ActionRepeat = Annotated[
     int | None,
     typer.Option(
+        metavar="N",
         min=1,
         help="Control steps per action; the environment's own by default, mostly 1. Returns and "
         "lengths still count control steps.",

@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -70,6 +71,9 @@ def search_working_directory(policy: str, names: Iterable[str] = ()) -> None:
     elif ":" in policy and not policies.is_saved_model(policy):
         append_working_directory()
 
+
+# As Python words an OSError; the words after it say the same.
+_ERROR_NUMBER = re.compile(r"\[(?:Errno|WinError) \d+\] ")
 
 _said: set[str] = set()  # names of the saved models that a line was written about
 
@@ -198,6 +202,7 @@ def remarks_reported() -> Iterator[None]:
 def complain(what: object) -> None:
     """Writes a note or an error to standard error, as one line."""
     text = worded(what) if isinstance(what, BaseException) else str(what)
+    text = _ERROR_NUMBER.sub("", text)
     typer.echo(f"limberjack: {visible(' '.join(text.split()))}", err=True)
 
 

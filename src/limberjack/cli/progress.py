@@ -193,12 +193,13 @@ def show_steps() -> Iterator[Steps]:
 
 @contextlib.contextmanager
 def show_parts() -> Iterator[Callable[[str, float, float], None]]:
-    """A bar over parts of a task while the context lasts.
+    """A bar over parts of a task, with the time left, while the context lasts.
 
     It is redrawn only on a call, which has the part that begins, the number of parts that have
     finished and that of all: a thread that redraws it would disturb measurements of time.
     """
-    with progress_bar("{task.percentage:.0f} %", auto_refresh=False) as bar:
+    columns = "{task.percentage:.0f} %", rich.progress.TimeRemainingColumn()
+    with progress_bar(*columns, auto_refresh=False) as bar:
         task = bar.add_task("starting", total=None)
         bar.refresh()
 

@@ -35,7 +35,7 @@ from limberjack.cli.progress import show_film
 
 __all__: list[str] = []
 
-_Pixels = Annotated[int, typer.Option(min=2, help="Of the film, pixels.")]
+_Pixels = Annotated[int, typer.Option(metavar="N", min=2, help="Of the film, pixels.")]
 _Overlay = Annotated[
     bool, typer.Option("--overlay", help="Draw time, reward and return in a corner.")
 ]
@@ -57,9 +57,12 @@ _Camera = Annotated[
     typer.Option(help="Its name or number; -1 is the free camera; the model's first by default."),
 ]
 _Seconds = Annotated[
-    float | None, typer.Option(help="Of simulated time; the task's time limit by default.")
+    float | None,
+    typer.Option(metavar="X", help="Of simulated time; the task's time limit by default."),
 ]
-_Rows = Annotated[int, typer.Option(min=1, help="Episodes side by side; row i has seed + i.")]
+_Rows = Annotated[
+    int, typer.Option(metavar="N", min=1, help="Episodes side by side; row i has seed + i.")
+]
 
 
 @command(

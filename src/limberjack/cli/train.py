@@ -27,11 +27,15 @@ _LAST_SEED = 999_999
 
 _Steps = Annotated[
     int | None,
-    typer.Option(min=1, help="Control steps, over all rows; by default those of the settings."),
+    typer.Option(
+        metavar="N", min=1, help="Control steps, over all rows; by default those of the settings."
+    ),
 ]
 _Seed = Annotated[
     int,
-    typer.Option(min=0, max=_LAST_SEED, help="Of the networks, the exploration and the starts."),
+    typer.Option(
+        metavar="N", min=0, max=_LAST_SEED, help="Of the networks, the exploration and the starts."
+    ),
 ]
 _Config = Annotated[
     Path | None,

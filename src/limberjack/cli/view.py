@@ -68,7 +68,7 @@ def _view(
         bool,
         typer.Option("--explain", help="Show stage, terms and weights of the planner's plans."),
     ] = False,
-    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    speed: Annotated[float, typer.Option(metavar="X", help="Simulated seconds per second.")] = 1.0,
     native: Annotated[
         bool, typer.Option("--native", help="Open a window instead of serving a browser.")
     ] = False,
@@ -76,7 +76,10 @@ def _view(
         str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines in.")
     ] = "127.0.0.1",
     port: Annotated[
-        int | None, typer.Option(help="Port to listen on; the first free one from 8080 by default.")
+        int | None,
+        typer.Option(
+            metavar="N", help="Port to listen on; the first free one from 8080 by default."
+        ),
     ] = None,
     allow_host: Annotated[
         list[str] | None,

@@ -154,6 +154,13 @@ class Physics(_control.Physics):
         for name in ("_data", "_simulation", "named"):
             vars(self).pop(name, None)
 
+    def __repr__(self) -> str:
+        name = f"{type(self).__module__.rpartition('.')[2]}.{type(self).__qualname__}"
+        if "_simulation" not in vars(self):
+            return f"<{name}, closed>"
+        rows = "" if self.num_envs is None else f", {self.num_envs} rows"
+        return f"<{name}{rows}: nq={self.model.nq}, nv={self.model.nv}, nu={self.model.nu}>"
+
     def __getattr__(self, name: str) -> NoReturn:
         if name in ("_data", "_simulation"):
             raise RuntimeError(

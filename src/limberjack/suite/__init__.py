@@ -408,7 +408,7 @@ def build_environment(
     """The implementation of `load`, with the same arguments and errors."""
     factories = module_of(domain_name).SUITE
     if task_name not in factories:
-        message = f"Level {task_name!r} does not exist in domain {domain_name!r}."
+        message = f"Task {task_name!r} does not exist in domain {domain_name!r}."
         raise ValueError(_no_choice(task_name, factories, message))
     kwargs = keywords("task_kwargs", task_kwargs)
     if environment_kwargs is not None:

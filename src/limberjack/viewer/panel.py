@@ -101,7 +101,7 @@ class Panel:
         if is_open and self._status is not None:
             self._draw_parts(self._status)
         imgui.End()
-        if imgui.GetIO().KeyShift and imgui.IsKeyPressed(imgui.Key.Slash, False):
+        if imgui.IsKeyPressed(imgui.Key.Slash, False) and imgui.GetIO().KeyShift:
             self._shows_keys = not self._shows_keys
         if self._shows_keys:
             self._draw_keys()
