@@ -35,6 +35,7 @@ _DIFFERENT = {
     ("bench", "--seconds"): "of a measurement; those of record are simulated",
     ("evaluate", "--policy"): "is given once for each run with --set",
     ("convert", "--out"): "a folder of Minari's, which holds many datasets",
+    ("collect", "--out"): "may be a URL",
     ("record", "--out"): "one file",
     ("info", "--json"): "has more than doctor's and list's",
     ("list", "--json"): "is a list of tasks",
