@@ -107,8 +107,8 @@ def test_a_page_uses_plain_words(page: Path) -> None:
     assert found == [], "write again, until, without success, is valid for"
 
 
-# Words of users, and the page on which a search for them must find the answer.
-WORDS = {
+# Words of users, and the page on which a search must find them.
+_WORDS = {
     "resume": "training",
     "checkpoint": "training",
     "tensorboard": "training",
@@ -120,7 +120,7 @@ WORDS = {
 }
 
 
-@pytest.mark.parametrize(("words", "page"), WORDS.items())
+@pytest.mark.parametrize(("words", "page"), _WORDS.items())
 def test_the_words_of_users_are_on_their_page(words: str, page: str) -> None:
     text = " ".join((_DOCS / f"{page}.md").read_text(encoding="utf-8").split())
     assert re.search(rf"\b{words}", text, re.IGNORECASE), "a search for it does not find this page"
