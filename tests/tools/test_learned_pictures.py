@@ -12,16 +12,9 @@ from matplotlib.image import imread
 
 from limberjack import policies, suite
 from limberjack.mujoco import RenderingError
+from tests.tools import gifs
 
 _BUNDLED = policies.bundled()
-
-
-def _size_of_gif(path: Path) -> tuple[int, int]:
-    """Height and width."""
-    header = path.read_bytes()[:10]
-    assert header.startswith(b"GIF8")
-    width, height = struct.unpack("<2H", header[6:])
-    return height, width
 
 
 def _size_of_png(path: Path) -> tuple[int, int]:
@@ -46,7 +39,7 @@ def test_the_committed_film_has_a_tile_for_each_task_and_is_small() -> None:
     columns = tiles.columns_of(len(_BUNDLED))
     rows = -(-len(_BUNDLED) // columns)
     height, width = tiles.TILE
-    assert _size_of_gif(learned_pictures.FILM) == (rows * height, columns * width)
+    assert gifs.size_of(learned_pictures.FILM) == (rows * height, columns * width)
     assert learned_pictures.FILM.stat().st_size <= tiles.MOST_BYTES <= 4_000_000
     page = learned_pictures.FOLDER.parents[1] / "policies.md"
     assert "](images/learned.gif)" in page.read_text(encoding="utf-8")
@@ -83,7 +76,7 @@ def test_pictures_show_an_episode_of_the_policy(
     (episode,) = learned_pictures.episodes(tmp_path / "learned").values()
     assert episode.seconds == [0.0, 0.08, 0.24, 0.32]
     height, width = tiles.TILE
-    assert _size_of_gif(tmp_path / "learned.gif") == (height, 3 * width)
+    assert gifs.size_of(tmp_path / "learned.gif") == (height, 3 * width)
     picture = imread(tmp_path / "learned" / "cartpole.png")
     env = suite.load("cartpole", "swingup", {"random": episode.seed})
     time_step = env.reset()
