@@ -22,20 +22,6 @@ _LIMIT = 600  # seconds for the build, on the slowest machine too
 # Pages that the browser draws: one of each kind.
 _DRAWN = ("", "semantics/", "humanoid/", "scores/", "reference/limberjack.rl.batch/")
 _QUERY = "bring_ball"
-_WIDTHS = 390, 1280  # pixels, of a telephone and of a laptop
-
-# What is wider than the window, or than the place of a table, so that it must be scrolled sideways.
-_TOO_WIDE = """
-(() => {
-  const width = document.documentElement.clientWidth, found = [];
-  if (document.documentElement.scrollWidth > width) found.push('the page');
-  for (const table of document.querySelectorAll('.md-typeset table:not([class])')) {
-    const place = table.closest('.md-typeset__scrollwrap') || table.parentElement;
-    if (place.scrollWidth > place.clientWidth + 1) found.push(table.rows[0].innerText);
-  }
-  return found;
-})()
-"""
 
 # Follows every link of the site from its first page on, and returns those that fail. `fetch` goes
 # through the browser, so that each address is among the page's requests.
@@ -189,32 +175,6 @@ def test_a_page_loads_from_the_site_only_and_logs_no_error(
     page.wait_for_frames(5)
     _assert_alone(page, address)
     assert page.evaluate("getComputedStyle(document.body).fontFamily")
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize("width", _WIDTHS)
-@pytest.mark.parametrize("path", _DRAWN)
-def test_nothing_of_a_page_is_wider_than_the_window(
-    browser: Chromium, address: str, path: str, width: int
-) -> None:
-    page = browser.open(address + path, width)
-    assert page.evaluate(_TOO_WIDE) == []
-
-
-@pytest.mark.slow
-@pytest.mark.browser
-def test_nothing_of_any_page_is_wider_than_the_window(
-    browser: Chromium, address: str, built: tuple[Path, str]
-) -> None:
-    found = {}
-    for path in sorted(built[0].glob("*/index.html")):
-        page = browser.open(f"{address}{path.parent.name}/", _WIDTHS[0])
-        for width in _WIDTHS:
-            page.resize(width, 900)
-            page.wait_for_frames(2)
-            if too_wide := page.evaluate(_TOO_WIDE):
-                found[path.parent.name, width] = too_wide
-    assert found == {}
 
 
 @pytest.mark.browser

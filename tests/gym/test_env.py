@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gymnasium import error
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import TimeLimit
 
 from limberjack import gym, mujoco, suite
 from limberjack.rl import control
@@ -547,3 +548,17 @@ def test_a_task_that_is_not_of_the_suite_needs_no_goal() -> None:
     assert list(info) == ["reward_terms"]
     assert infos["reward_terms"]["speed"].tolist() == [info["reward_terms"]["speed"]] * 2
     assert "success" not in infos
+
+
+class _Replaced(TimeLimit):
+    """A time limit as RL-Zoo puts in the place of Gymnasium's: without a `spec` of its own."""
+
+
+def test_a_time_limit_that_a_library_has_replaced_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gym.env, "TimeLimit", _Replaced)
+    monkeypatch.setattr("gymnasium.envs.registration.TimeLimit", _Replaced, raising=False)
+    made = gymnasium.make("limberjack/cartpole-balance-v0", max_episode_steps=2, flat=True)
+    assert made.spec is not None
+    assert made.spec.max_episode_steps == 2
+    made.reset(seed=0)
+    assert [made.step(made.action_space.sample())[3] for _ in range(2)] == [False, True]

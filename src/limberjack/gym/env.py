@@ -360,7 +360,7 @@ def _time_limits_calling(env: Env) -> list[TimeLimit]:
 
     An environment has no reference to its wrappers, which call it in turn.
     """
-    reads_spec = cast(property, vars(TimeLimit)["spec"]).fget
+    reads_spec = cast(property, inspect.getattr_static(TimeLimit, "spec")).fget
     codes = [TimeLimit.reset.__code__, getattr(reads_spec, "__code__", None)]
     found, frame = [], inspect.currentframe()
     while frame is not None:
