@@ -20,9 +20,11 @@ from limberjack.episodes.dataset import Dataset, Information, inform
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import film
 from limberjack.episodes.loading import load
+from limberjack.episodes.pictures import pictures
 from limberjack.episodes.reading import Batch, Windows
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.replaying import replay
+from limberjack.rl.pixels import Pixels
 
 __all__ = [
     "Batch",
@@ -30,6 +32,7 @@ __all__ = [
     "Episode",
     "Information",
     "Kept",
+    "Pixels",
     "Recipe",
     "Spread",
     "Statistics",
@@ -39,5 +42,6 @@ __all__ = [
     "film",
     "inform",
     "load",
+    "pictures",
     "replay",
 ]

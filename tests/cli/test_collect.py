@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.data import collect, load
+from limberjack import suite
+from limberjack.data import Pixels, collect, load
+from limberjack.mujoco.camera import RenderingError
 from tests.episodes.collected import PENDULUM, hashes, of_64, whole_hashes
 from tests.workers.killing import children, is_alive, shared_memory, wait_for
 
@@ -179,6 +181,27 @@ def test_another_dataset_in_the_folder_is_refused_by_name(tmp_path: Path) -> Non
     assert result.exit_code == 2
     assert "flat is False and True: choose another folder" in result.stderr
     assert hashes(tmp_path) == before
+
+
+def test_pictures_are_kept_from_a_camera(tmp_path: Path) -> None:
+    try:
+        suite.load("pendulum", "swingup").physics.render(8, 8)
+    except RenderingError as error:
+        pytest.skip(f"no pictures can be drawn here: {error}")
+    out = tmp_path / "out"
+    options = ["--seeds", "0:1", "--out", str(out)]
+    result = invoke(*_PENDULUM, *options, "--camera", "lookat")
+    assert result.exit_code == 2
+    expected = "--camera is lookat, and no pictures are kept: add --pixels 84"
+    assert result.stderr == f"limberjack: {expected}\n"
+    assert not out.exists()
+    assert invoke(*_PENDULUM, *options, "--pixels", "8", "--camera", "lookat").exit_code == 0
+    dataset = load(out)
+    assert dataset[0].observations["pixels"].shape == (11, 8, 8, 3)
+    assert dataset.recipe.kept.pixels == Pixels("lookat", 8, 8)
+    result = invoke(*_PENDULUM, *options, "--pixels", "8")
+    assert result.exit_code == 2
+    assert "pixels.camera is 'lookat' and 0: choose another folder" in result.stderr
 
 
 @pytest.mark.parametrize(

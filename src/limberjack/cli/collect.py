@@ -4,7 +4,7 @@ import enum
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +14,7 @@ from limberjack.cli.options import (
     ActionRepeat,
     AnyProcessor,
     Appearance,
+    Camera,
     EnvironmentName,
     Episodes,
     Faults,
@@ -28,6 +29,7 @@ from limberjack.cli.options import (
     TimeLimit,
     Vectorised,
     Workers,
+    camera_named,
     chosen_seeds,
     named_environment,
     shard_named,
@@ -41,6 +43,9 @@ from limberjack.cli.output import (
 )
 from limberjack.cli.process import command_line
 from limberjack.cli.progress import Units, show_units
+
+if TYPE_CHECKING:
+    from limberjack.rl.pixels import Pixels
 
 __all__: list[str] = []
 
@@ -70,6 +75,10 @@ _Float32 = Annotated[
 ]
 _Flat = Annotated[
     bool, typer.Option("--flat", help="Join the observations of a step into one array.")
+]
+_Pixels = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="N", help="Keep a picture of N by N pixels of each step, too."),
 ]
 _FileMb = Annotated[
     float,
@@ -108,6 +117,8 @@ def _collect(
     states: _States = False,
     float32: _Float32 = False,
     flat: _Flat = False,
+    pixels: _Pixels = None,
+    camera: Camera = None,
     file_mb: _FileMb = 100.0,
     repair: _Repair = False,
     format: _FormatName = _Format.PARQUET,
@@ -134,6 +145,7 @@ def _collect(
         where = None if task_set else named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, world = shard_named(shard, out), world_named(env, faults, appearance)
+        pictures = _pictures(pixels, camera)
     search_working_directory(policy)
     _check_extras(format, out)
     with (
@@ -148,7 +160,7 @@ def _collect(
             policy,
             chosen,
             out=out,
-            keep=(states, float32, flat),
+            keep=(states, float32, flat, pictures),
             file_mb=file_mb,
             repair=repair,
             time_limit=time_limit,
@@ -180,6 +192,17 @@ def _check_extras(format: _Format, out: str) -> None:
             importlib.import_module("limberjack.episodes.to_minari")
 
 
+def _pictures(size: int | None, camera: str | None) -> "Pixels | None":
+    """The pictures to keep; raises ValueError for a camera without any."""
+    if size is not None:
+        from limberjack.rl.pixels import Pixels
+
+        return Pixels(0 if camera is None else camera_named(camera), size, size)
+    if camera is not None:
+        raise ValueError(f"--camera is {camera}, and no pictures are kept: add --pixels 84")
+    return None
+
+
 def _count(task_set: str | None, seeds: Sequence[int], part: tuple[int, int] | None) -> int:
     """The number of episodes of all tasks."""
     from limberjack.registry.sets import tasks_of
@@ -194,7 +217,7 @@ def _play(
     task_set: str | None,
     policy: str,
     seeds: Sequence[int],
-    keep: tuple[bool, bool, bool],
+    keep: tuple[bool, bool, bool, "Pixels | None"],
     progress: Units,
     **kwargs: Any,  # of `collect`
 ) -> list[str]:

@@ -22,6 +22,7 @@ __all__ = [
     "ActionRepeat",
     "AnyProcessor",
     "Appearance",
+    "Camera",
     "Domain",
     "EnvironmentName",
     "Episodes",
@@ -40,6 +41,7 @@ __all__ = [
     "TimeLimit",
     "Vectorised",
     "Workers",
+    "camera_named",
     "chosen_seeds",
     "finite",
     "function_named",
@@ -86,6 +88,10 @@ TaskSet = Annotated[
         help="In the place of DOMAIN TASK: a set of tasks, such as dmc28, or a list, such as "
         "walker:walk,fish:swim. In names of policies {domain} and {task} stand for each task's.",
     ),
+]
+Camera = Annotated[
+    str | None,
+    typer.Option(help="Its name or number; -1 is the free camera; the model's first by default."),
 ]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, max=SEEDS - 1, help="Of the episode.")]
 Seeds = Annotated[
@@ -320,6 +326,11 @@ def function_named(env: str) -> "Make":
     if not callable(make):
         raise ValueError(f"--env {env} is a {type(make).__name__}; expected a function make(seed)")
     return cast("Make", make)
+
+
+def camera_named(text: str) -> int | str:
+    """The number of a camera if the text is one, and its name otherwise."""
+    return int(text) if text.removeprefix("-").isdecimal() else text
 
 
 def chosen_seeds(seeds: str | None, episodes: int | None, default: int) -> range:

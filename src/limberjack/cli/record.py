@@ -11,12 +11,14 @@ from limberjack.cli.app import command
 from limberjack.cli.options import (
     ActionRepeat,
     Appearance,
+    Camera,
     EnvironmentName,
     Faults,
     OptionalDomain,
     PolicyName,
     Seed,
     TaskName,
+    camera_named,
     function_named,
     named_environment,
     world_named,
@@ -52,10 +54,6 @@ _From = Annotated[
         "folder or at a URL.",
     ),
 ]
-_Camera = Annotated[
-    str | None,
-    typer.Option(help="Its name or number; -1 is the free camera; the model's first by default."),
-]
 _Seconds = Annotated[
     float | None,
     typer.Option(metavar="X", help="Of simulated time; the task's time limit by default."),
@@ -83,7 +81,7 @@ def _record(
     action_repeat: ActionRepeat = None,
     faults: Faults = None,
     appearance: Appearance = None,
-    camera: _Camera = None,
+    camera: Camera = None,
     height: _Pixels = 480,
     width: _Pixels = 640,
     seconds: _Seconds = None,
@@ -100,7 +98,7 @@ def _record(
 
     view = View(height=height, width=width, overlay=overlay, visualize_reward=visualize_reward)
     if camera is not None:
-        view["camera"] = int(camera) if camera.removeprefix("-").isdecimal() else camera
+        view["camera"] = camera_named(camera)
     search_working_directory(policy)
     with remarks_reported(), _failures_reported(out) as show:
         if dataset is not None:

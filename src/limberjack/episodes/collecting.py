@@ -31,7 +31,7 @@ from limberjack.episodes.parquet import PYARROW, encode
 from limberjack.episodes.places import Place, place_of
 from limberjack.episodes.player import OnEnded, Player
 from limberjack.episodes.playing import OnStep, Step
-from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
+from limberjack.episodes.recipe import FILE_MB, Recipe, recipe_of
 from limberjack.episodes.repairing import set_aside
 from limberjack.episodes.writing import FILE, LIST, PART, Order, Unseen, work
 from limberjack.policies import PolicyError
@@ -222,7 +222,7 @@ def collect_with(
             _check_canary(folder, canary, player.scale.any_processor)
             call = _call(missing, command, canary, player.scale)
             folder.log(call)
-        units = [*_units(missing, 1 if player.actor.plays_alone else UNIT, recipe)]
+        units = [*_units(missing, 1 if player.actor.plays_alone else recipe.unit, recipe)]
         with _Saving(folder, recipe, len(player.seeds), missing, on_progress) as saving:
             if player.setup is not None:
                 _play_with_workers(player, folder, units, saving)

@@ -285,16 +285,15 @@ class Dataset:
         return [c for c in self.recipe.columns if c.name.startswith(OBSERVATION)]
 
     def statistics(self) -> Statistics:
-        """Mean, deviation, range and quantiles of each number, computed in one pass and kept.
+        """Mean, deviation, range and quantiles of each number but pixels, in one pass, and kept.
 
         Raises:
           ValueError: a file is damaged.
         """
         if self._statistics is None:
             names = {OBSERVATION + name for name in self._observed}
-            columns = (
-                c for c in self.recipe.columns if c.name in names or c.name in ("action", "reward")
-            )
+            wanted = {*names, "action", "reward"}
+            columns = (c for c in self.recipe.columns if c.name in wanted and c.has_figures)
             recipe = dataclasses.replace(self.recipe, columns=tuple(columns))
             files = map(self._read, range(len(self.shards)))
             self._statistics = statistics_of(files, recipe, self.lengths)
@@ -469,7 +468,7 @@ class Information:
         """All of it by name, as values of JSON."""
         return {
             **self.recipe.facts,
-            **dataclasses.asdict(self.recipe.kept),
+            **self.recipe.kept.as_json(),
             "columns": {c.name: [c.dtype, *c.shape] for c in self.recipe.columns},
             "seeds": self.seeds,
             "steps": self.steps,

@@ -10,6 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from limberjack.rl.pixels import Pixels
+from limberjack.utils.facts import Facts
+
 __all__ = ["Episode", "Kept"]
 
 
@@ -21,11 +24,31 @@ class Kept:
       states: MuJoCo's integration state as well.
       float32: observations as float32; actions, rewards and states always are float64.
       flat: the observations joined into one array.
+      pixels: a picture before each step and after the last one, among the observations and in an
+        array of its own; None for no pictures. The policy does not see it.
     """
 
     states: bool = False
     float32: bool = False
     flat: bool = False
+    pixels: Pixels | None = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for pictures that no row can have."""
+        if self.pixels is not None and (
+            self.pixels.only or self.pixels.frame_stack > 1 or isinstance(self.pixels.camera, tuple)
+        ):
+            raise ValueError(
+                f"pixels is {self.pixels}; expected one camera, frame_stack 1 and only=False: "
+                "windows of a dataset have the pictures before, and select(['pixels']) only them"
+            )
+
+    def as_json(self) -> Facts:
+        """The attributes as values of JSON by name, without `pixels` if there are none."""
+        kept = dataclasses.asdict(self)
+        if self.pixels is None:
+            del kept["pixels"]
+        return kept
 
     def observed_type(self, dtype: np.dtype) -> np.dtype:
         """The type in which observations of a type are kept."""

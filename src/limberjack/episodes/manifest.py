@@ -14,6 +14,7 @@ import hashlib
 import itertools
 import json
 import re
+import statistics
 from collections.abc import Iterable, Sequence
 
 from limberjack.episodes.figures import Figures
@@ -194,7 +195,9 @@ def card(manifest: Manifest, figures: Sequence[Figures]) -> str:
             "",
             f"{episodes} episodes of seeds {seeds[0].start} to {seeds[-1].stop - 1}, {steps:,} "
             f"steps of {facts['control_timestep']:g} s; {size:,.1f} MB in {len(seeds)} files. The "
-            f"mean return is {sum(returns) / episodes:.1f}.",
+            f"mean return is {sum(returns) / episodes:.1f}, the median "
+            f"{statistics.median(returns):.1f}, the least {min(returns):.1f} and the greatest "
+            f"{max(returns):.1f}.",
             "",
             "`limberjack.data.load(DIR)`, `datasets.load_dataset(DIR)` and each reader of Parquet "
             f"files open it; `limberjack replay DIR` plays it again. `{MANIFEST}` has the recipe, "

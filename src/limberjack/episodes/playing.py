@@ -28,6 +28,7 @@ from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
 from limberjack.rl.observations import of_rows
+from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.see.report import Step as ShownStep
 
 __all__ = ["OnStep", "Step", "batch_for", "play", "recorded"]
@@ -348,6 +349,12 @@ class _Steps:
                 shape = values.shape[1:]
                 self._observations[name] = _Rows(len(values), self._capacity + 1, shape, dtype)
             self._observations[name].put(rows, steps, values[rows])
+        if self._kept.pixels is not None:
+            pictures = self._batch.render(rows, **self._kept.pixels.render_kwargs)
+            if PIXELS_KEY not in self._observations:
+                form = (self._capacity + 1, pictures.shape[1:], pictures.dtype)
+                self._observations[PIXELS_KEY] = _Rows(self._batch.num_envs, *form)
+            self._observations[PIXELS_KEY].put(rows, steps, pictures)
         if self._kept.states:
             states = self._batch.integration_states()
             if self._states is None:

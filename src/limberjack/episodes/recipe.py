@@ -27,6 +27,7 @@ from limberjack.episodes.episode import Kept
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
+from limberjack.rl.pixels import PIXELS_KEY, Pixels
 from limberjack.rl.row_step import as_mapping
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import SEEDS
@@ -40,7 +41,7 @@ __all__ = [
     "FORMAT",
     "GROUP_NBYTES",
     "OBSERVATION",
-    "UNIT",
+    "PIXELS",
     "Column",
     "Recipe",
     "environments_of",
@@ -51,12 +52,13 @@ __all__ = [
 ]
 
 FORMAT = 2  # of new datasets
-UNIT = 64  # episodes that are played together: the rows of a batch
+_UNIT, _UNIT_NBYTES = 64, 2**28  # episodes that are played together: rows of a batch; their bytes
 FILE_MB = 100.0  # megabytes of a file before compression
 # Bytes before compression from which a row group is complete. It takes 1,500 in the footer with 15
 # columns, so that a footer is about 1 % of a file; and reading one episode reads its row group.
 GROUP_NBYTES = 2**18
 OBSERVATION, FIELD = "observation/", "field/"  # prefixes of columns
+PIXELS = OBSERVATION + PIXELS_KEY  # column of pictures
 
 _BLOCK_1 = 64  # seeds of a file of format 1
 _MOST_EPISODES = 2**15 - 1  # of a file: the Parquet format numbers row groups in 16 bits
@@ -113,7 +115,8 @@ class Column:
     @property
     def has_figures(self) -> bool:
         """Whether a file has statistics of the column."""
-        return self.name in ("action", "reward") or self.name.startswith(OBSERVATION)
+        is_number = self.name.startswith(OBSERVATION) and self.name != PIXELS
+        return self.name in ("action", "reward") or is_number
 
     @property
     def size(self) -> int:
@@ -162,7 +165,7 @@ class Recipe:
         return {
             "format": self.format,
             **self.facts,
-            **dataclasses.asdict(self.kept),
+            **self.kept.as_json(),
             **sized,
             "columns": [[c.name, c.dtype, list(c.shape)] for c in self.columns],
         }
@@ -201,7 +204,8 @@ class Recipe:
         try:
             file_mb = None if found == 1 else _file_mb(rest.pop("file_mb"))
             columns = tuple(_column(entry) for entry in rest.pop("columns"))
-            kept = Kept(**{f.name: _flag(rest.pop(f.name)) for f in dataclasses.fields(Kept)})
+            flags = {name: _flag(rest.pop(name)) for name in ("states", "float32", "flat")}
+            kept = Kept(**flags, pixels=_pixels(rest.pop("pixels", None)))
         except (KeyError, TypeError) as error:
             raise ValueError(f"its recipe is damaged: {error}") from error
         _check_columns(columns, kept, _BOTH if file_mb is None else {**_BOTH, **_PLACE})
@@ -236,6 +240,11 @@ class Recipe:
         once = sum(c.nbytes for c in self.columns if c.name.startswith(FIELD))
         row = sum(column.nbytes for column in self.columns) - once
         return once + row * (self.step_limit + 1)
+
+    @property
+    def unit(self) -> int:
+        """The number of episodes that are played together: fewer if they have pictures."""
+        return max(1, min(_UNIT, _UNIT_NBYTES // self.episode_nbytes))
 
     def most_nbytes(self, episodes: int, files: int) -> int:
         """Upper bound of the bytes of files with this number of episodes of full length."""
@@ -368,10 +377,16 @@ def _observed(environment: dm_env.Environment, kept: Kept) -> list[Column]:
         dtype = np.result_type(*(dtype for dtype, _ in of_names.values()))
         size = sum(math.prod(shape) for _, shape in of_names.values())
         of_names = {FLAT_OBSERVATION_KEY: (dtype, (size,))}
-    return [
+    columns = [
         Column(OBSERVATION + name, kept.observed_type(dtype).name, shape)
         for name, (dtype, shape) in of_names.items()
     ]
+    if kept.pixels is None:
+        return columns
+    if PIXELS_KEY in spec:
+        raise ValueError("pictures are among the observations already: leave out pixels")
+    shape, dtype = inside(environment).physics.picture_spec(**kept.pixels.render_kwargs)
+    return [*columns, Column(PIXELS, dtype.name, shape)]
 
 
 def seeds_of(entry: object) -> range:
@@ -433,6 +448,10 @@ def _check_columns(columns: Sequence[Column], kept: Kept, always: Mapping[str, s
             raise ValueError(f"the column {name!r} has type {column.dtype!r}")
         if column.shape and not is_array:
             raise ValueError(f"the column {name!r} has shape {column.shape}; expected one number")
+    if kept.pixels is not None:
+        expected = Column(PIXELS, "uint8", (kept.pixels.height, kept.pixels.width, 3))
+        if found.get(PIXELS) != expected:
+            raise ValueError(f"the column {PIXELS!r} has no pictures of the recipe's size")
     if ("state" in found) != kept.states:
         raise ValueError("the column 'state' is there exactly if states were recorded")
 
@@ -457,6 +476,17 @@ def _checked_facts(content: Facts) -> Facts:
     if not (0 < timestep <= limit < _LONGEST and limit / timestep < _MOST_STEPS):
         raise ValueError(f"its time_limit is {limit} and its control_timestep {timestep} seconds")
     return content
+
+
+def _pixels(value: object) -> Pixels | None:
+    if value is None:
+        return None
+    if not isinstance(value, dict):
+        raise TypeError(f"pixels is {value!r}; expected an object of JSON")
+    pixels = Pixels.of(value)
+    if not all(is_whole(size) and 0 < size <= _LARGEST for size in (pixels.height, pixels.width)):
+        raise ValueError(f"its pictures have {pixels.height!r} by {pixels.width!r} pixels")
+    return pixels
 
 
 def _flag(value: object) -> bool:

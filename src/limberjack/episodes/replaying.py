@@ -19,7 +19,7 @@ from limberjack.episodes.episode import Episode
 from limberjack.episodes.parquet import Values, columns_of
 from limberjack.episodes.places import Place
 from limberjack.episodes.playing import Step, batch_for, play, recorded
-from limberjack.episodes.recipe import UNIT, Recipe, environments_of, other_versions
+from limberjack.episodes.recipe import Recipe, environments_of, other_versions
 from limberjack.episodes.starts import Starts
 from limberjack.workers import OnProgress
 from limberjack.workers.factories import Make
@@ -83,10 +83,10 @@ def replay(
 
 
 def _units(dataset: Dataset) -> Iterator[tuple[Place, list[Episode]]]:
-    """The episodes in lists of up to 64, as a batch has rows, each with the file that has them."""
+    """The episodes in lists that are played together, each with the file that has them."""
     for number, shard in enumerate(dataset.shards):
         episodes = dataset.episodes_of(number)
-        while unit := list(itertools.islice(episodes, UNIT)):
+        while unit := list(itertools.islice(episodes, dataset.recipe.unit)):
             yield shard.path, unit
 
 

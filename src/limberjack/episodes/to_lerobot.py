@@ -5,8 +5,9 @@
 
 A frame is a step: the observations before it, joined into `observation.state`, its action, reward
 and end, all of them float32, as LeRobot's policies expect. So the frames train, but do not replay,
-and the last observation of an episode, states and model fields stay in Limberjack's own files. A
-file of frames has the episodes of a file of the dataset.
+and the last observation of an episode, states and model fields stay in Limberjack's own files.
+Pixels are `observation.images.pixels`, as PNG. A file of frames has the episodes of a file of the
+dataset.
 
 This module needs no lerobot, whose requirements exclude those of Limberjack.
 """
@@ -24,13 +25,16 @@ from limberjack.episodes.converting import converted
 from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.parquet import Plain, write_plain
-from limberjack.episodes.recipe import OBSERVATION
+from limberjack.episodes.recipe import OBSERVATION, PIXELS
+from limberjack.rl.pixels import PIXELS_KEY
+from limberjack.utils import png
 from limberjack.utils.facts import Facts, title_of
 from limberjack.workers import OnProgress
 
 __all__ = ["to_lerobot"]
 
 _VERSION = "v3.0"  # of the format
+_IMAGES = "observation.images.pixels"
 _STATE, _ACTION, _REWARD = "observation.state", "action", "next.reward"
 _PER_CHUNK = 1000  # files of a folder
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -134,18 +138,25 @@ def _frames(episode: Episode, number: int, first: int, timestep: float) -> dict[
     """The frames of an episode by the names of their columns."""
     steps = np.arange(episode.length)
     found: dict[str, Plain] = {
-        _STATE: _joined(list(episode.observations.values()), episode.length),
+        _STATE: _joined(list(_numbers(episode).values()), episode.length),
         _ACTION: _joined([episode.actions], episode.length),
         _REWARD: episode.rewards.astype(np.float32),
         "next.done": episode.terminated | episode.truncated,
         "next.terminated": episode.terminated,
     }
+    if PIXELS_KEY in episode.observations:
+        found[_IMAGES] = [png.encode(one) for one in episode.observations[PIXELS_KEY][:-1]]
     if episode.success is not None:
         found["next.success"] = episode.success
     places = (steps * timestep, steps, steps * 0 + number, steps + first, steps * 0)
     for (name, dtype), values in zip(_PLACE.items(), places, strict=True):
         found[name] = values.astype(dtype)
     return found
+
+
+def _numbers(episode: Episode) -> dict[str, np.ndarray]:
+    """The observations without pixels."""
+    return {name: values for name, values in episode.observations.items() if name != PIXELS_KEY}
 
 
 def _joined(parts: Sequence[np.ndarray], rows: int) -> np.ndarray:
@@ -157,7 +168,7 @@ def _joined(parts: Sequence[np.ndarray], rows: int) -> np.ndarray:
 def _info(dataset: Dataset) -> Facts:
     """The content of info.json."""
     facts, columns = dataset.recipe.facts, dataset.recipe.columns
-    observed = [c for c in columns if c.name.startswith(OBSERVATION)]
+    observed = [c for c in columns if c.name.startswith(OBSERVATION) and c.name != PIXELS]
     (action,) = (c for c in columns if c.name == "action")
     names = [
         f"{c.name.removeprefix(OBSERVATION)}.{number}" for c in observed for number in range(c.size)
@@ -169,6 +180,10 @@ def _info(dataset: Dataset) -> Facts:
         "next.done": _feature("bool"),
         "next.terminated": _feature("bool"),
     }
+    for column in columns:
+        if column.name == PIXELS:
+            names = ["height", "width", "channels"]
+            features[_IMAGES] = {"dtype": "image", "shape": [*column.shape], "names": names}
     if any(column.name == "success" for column in columns):
         features["next.success"] = _feature("bool")
     features |= {name: _feature(dtype) for name, dtype in _PLACE.items()}

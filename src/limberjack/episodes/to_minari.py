@@ -5,7 +5,8 @@
 
 Episodes are copied one at a time, with Arrow storage and without Minari's collector, which needs
 JAX. Actions are float64, so that `recover_environment()`, stepped with an episode's seed and
-actions, gives the same observations and rewards. States and model fields have no place there.
+actions, gives the same observations and rewards. Pixels, states and model fields have no place
+there.
 
 This is the only module that imports minari.
 """
@@ -29,6 +30,7 @@ from limberjack.gym.made import spec_of
 from limberjack.gym.observations import Observations, action_space
 from limberjack.rl.action_specs import spec_of as spec_of_actions
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
+from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.rl.row_step import as_mapping
 from limberjack.utils.files import read_regular
 from limberjack.utils.requirements import missing_extra
@@ -143,6 +145,7 @@ def _buffers(
         observations = {
             name: np.asarray(values, observed.dtype)
             for name, values in episode.observations.items()
+            if name != PIXELS_KEY  # the environment that is recovered draws none
         }
         # Any: it wants lists for which its storage takes arrays.
         values: dict[str, Any] = {
