@@ -49,7 +49,7 @@ def test_a_changed_file_is_found_by_its_hash(pendulums: Dataset, tmp_path: Path)
     content[len(content) // 3] ^= 1
     changed.write_bytes(content)
     with pytest.raises(
-        ValueError, match=f"{changed} has another SHA-256 than in dataset.json: rem"
+        ValueError, match=f"{changed} has another SHA-256 than in dataset.json: repeat"
     ):
         replay(load(tmp_path / "changed"), num_threads=1)
 
