@@ -462,7 +462,8 @@ def test_choosing_a_policy_after_the_end_begins_no_episode_by_half() -> None:
 
 
 def test_an_action_by_hand_acts_until_a_policy_is_chosen() -> None:
-    session = Session(_load("swimmer6", "swimmer"), seed=0, policies={"none": idle})
+    begins = {"none": idle, "random": viewer.begin_with("random")}
+    session = Session(_load("swimmer6", "swimmer"), seed=0, policies=begins)
     names = [actuator.name for actuator in session.actuators()]
     assert len(set(names)) == 5
     given = np.array([0.1, 0.2, -0.3, 0.4, 0.5])
@@ -474,6 +475,10 @@ def test_an_action_by_hand_acts_until_a_policy_is_chosen() -> None:
         with pytest.raises(ValueError, match="expected finite numbers"):
             session.set_action(bad)
     assert session.status().action == (0.1, 0.2, -0.3, 0.4, 0.5)
+    session.choose("random")
+    session.step()
+    assert session.data.ctrl[0] != 0.1
+    assert session.status().action == ()
 
 
 def test_weights_of_the_planner_last_over_episodes() -> None:
