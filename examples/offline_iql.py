@@ -129,6 +129,8 @@ def _learn(known: TensorDict, repeat: int, steps: int) -> list[mlp.Layer]:
     loss.make_value_estimator(gamma=_DISCOUNT**repeat)
     targets = SoftUpdate(loss, tau=_TARGET_RATE)
     optimizer = torch.optim.Adam(loss.parameters(), lr=_LEARNING_RATE)
+    # To 0, as IQL's authors do for the actor: otherwise each of the last steps changes the policy.
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(len(known)), batch_size=_BATCH)
     buffer.extend(known)
     for _ in range(steps):
@@ -136,6 +138,7 @@ def _learn(known: TensorDict, repeat: int, steps: int) -> list[mlp.Layer]:
         optimizer.zero_grad()
         (losses["loss_actor"] + losses["loss_qvalue"] + losses["loss_value"]).backward()
         optimizer.step()
+        schedule.step()
         targets.step()
     return [
         (layer.weight.detach().numpy(), layer.bias.detach().numpy())

@@ -177,7 +177,7 @@ class Writing:
         """Writes a file, also while another process removes the folder of parts, empty to it."""
         for left in reversed(range(_TRIES)):
             make_folder(self.folder / PARTS)
-            make_folder(self.folder / EPISODES)
+            make_folder(path.parent)
             try:
                 with filling(path, self.folder / PARTS) as partial:
                     filled = fill(partial)
