@@ -294,12 +294,15 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
     assert len(others) == 34
     assert sorted(names - others) == [
         "become",
+        "begin_render",
+        "can_render_in_parts",
         "can_step_in_parts",
         "from_shared_xml",
         "identity",
         "nominal_fields",
         "num_envs",
         "picture_spec",
+        "recompiler",
         "recompute_constants_of",
         "render_rows",
         "replicate",

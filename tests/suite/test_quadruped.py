@@ -184,7 +184,7 @@ def test_the_observed_state_has_no_position() -> None:
 
 def test_a_start_does_not_open_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("limberjack.mujoco.rendering.thread.call", None)
-    monkeypatch.setattr("limberjack.mujoco.camera.call", None)
+    monkeypatch.setattr("limberjack.mujoco.camera.prepare", None)
     load("escape", steps=2)
 
 

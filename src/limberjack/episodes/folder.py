@@ -333,7 +333,7 @@ class Folder:
         """The `Writing` of workers, which find the folder by a file with a random name."""
         mark = "" if self._shard is None else f"{self._shard}-"
         name = f"{_PROBE}{mark}{random_letters()}"
-        self.writing.put(self._parts / name, lambda partial: None)
+        self.writing.put(PARTS, name, lambda partial: None)
         try:
             yield dataclasses.replace(self.writing, probe=name)
         finally:
@@ -371,7 +371,9 @@ class Folder:
         self._records = {file.name: file for file in known.files} if known else {}
         record = Manifest(self._recipe, self._own, [self._file(seeds) for seeds in own])
         if record != known:
-            self.writing.put(path, lambda partial: partial.write_text(record.text(), "utf-8"))
+            self.writing.put(
+                PARTS, path.name, lambda partial: partial.write_text(record.text(), "utf-8")
+            )
 
     def _finished(self) -> list[range]:
         """The seeds of all files; what other machines wrote may be listed here only later."""

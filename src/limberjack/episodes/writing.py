@@ -139,8 +139,8 @@ class Writing:
           OSError: it cannot be written, as on a full disk; nothing is left of it.
         """
         if order == PART:
-            path = self.folder / PARTS / file_name(seeds, ENDING)
-            self.put(path, lambda partial: partial.write_bytes(content))
+            name = file_name(seeds, ENDING)
+            self.put(PARTS, name, lambda partial: partial.write_bytes(content))
             return None
 
         def fill(partial: Path) -> File:
@@ -148,7 +148,7 @@ class Writing:
             digest = hashlib.sha256(content).hexdigest()
             return File(seeds, Shard(partial).rows, len(content), digest)
 
-        return self.put(self.folder / EPISODES / file_name(seeds), fill)
+        return self.put(EPISODES, file_name(seeds), fill)
 
     def join(self, seeds: range, parts: Sequence[range]) -> File:
         """Joins parts to a file, and removes those that have no other seeds; returns its entry.
@@ -167,25 +167,25 @@ class Writing:
                 join(self.recipe, seeds, map(Shard, places), partial)
                 return file_of(partial)
 
-            file = self.put(path, fill)
+            file = self.put(EPISODES, file_name(seeds), fill)
         for part in parts:
             if seeds.start <= part.start and part.stop <= seeds.stop:
                 remove(self.folder / PARTS / file_name(part, ENDING))
         return file
 
-    def put(self, path: Place, fill: Callable[[Path], _Filled]) -> _Filled:
+    def put(self, folder: str, name: str, fill: Callable[[Path], _Filled]) -> _Filled:
         """Writes a file, also while another process removes the folder of parts, empty to it."""
         for left in reversed(range(_TRIES)):
             make_folder(self.folder / PARTS)
-            make_folder(path.parent)
+            make_folder(self.folder / folder)
             try:
-                with filling(path, self.folder / PARTS) as partial:
+                with filling(self.folder / folder / name, self.folder / PARTS) as partial:
                     filled = fill(partial)
                 return filled
             except FileNotFoundError:
                 if not left:
                     raise
-        raise AssertionError(path)
+        raise AssertionError(name)
 
 
 def work(writing: Writing, setup: Setup, seeds: range, order: Order) -> File | Unseen | None:

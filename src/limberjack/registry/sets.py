@@ -134,19 +134,6 @@ _OF_THE_SUITE = tuple((row.domain, row.task) for row in TASKS)
 _SIMBAV2 = "scale_rl/envs/dmc.py in https://github.com/DAVIAN-Robotics/SimbaV2, commit 86899c2"
 _SETS_OF_PAPERS = (
     TaskSet(
-        "rwrl",
-        _RWRL,
-        "https://arxiv.org/abs/2003.11881, and realworldrl_suite/environments of "
-        "https://github.com/google-research/realworldrl_suite, commit be7a51c; its combined "
-        "challenges are presets of --faults",
-    ),
-    TaskSet(
-        "dmcgb2",
-        _DMCGB2,
-        "the tasks in README.md of https://github.com/aalmuzairee/dmcgb2, commit 5fd8fd7; its "
-        "modes are presets of --appearance",
-    ),
-    TaskSet(
         "dmc28",
         tuple(sorted((*_EASY_AND_MEDIUM, *_HARD), key=_OF_THE_SUITE.index)),
         f"DMC_EASY_MEDIUM and DMC_HARD of {_SIMBAV2}; the list dmc in MRQ/utils.py of "
@@ -159,6 +146,19 @@ _SETS_OF_PAPERS = (
         (*_MT30, *_MORE_OF_MT30),
         "TASK_SET in tdmpc2/common/__init__.py of https://github.com/nicklashansen/tdmpc2, commit "
         "e9f5932; its files in tdmpc2/envs/tasks add the last eleven to the domains",
+    ),
+    TaskSet(
+        "rwrl",
+        _RWRL,
+        "https://arxiv.org/abs/2003.11881, and realworldrl_suite/environments of "
+        "https://github.com/google-research/realworldrl_suite, commit be7a51c; its combined "
+        "challenges are presets of --faults",
+    ),
+    TaskSet(
+        "dmcgb2",
+        _DMCGB2,
+        "the tasks in README.md of https://github.com/aalmuzairee/dmcgb2, commit 5fd8fd7; its "
+        "modes are presets of --appearance",
     ),
 )
 

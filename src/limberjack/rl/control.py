@@ -175,7 +175,8 @@ class Environment(dm_env.Environment):
         self._frames = Frames.of(pixels, self._simulated)
         if faults is not None:
             self._faults = self._with_faults(Faults.of(faults))
-        self._looks = Looks.for_physics(appearance, physics, 1, self.control_timestep())
+        if appearance is not None:
+            self._looks = Looks.for_physics(appearance, physics, 1, self.control_timestep())
         self.reward_terms, self.randomization = {}, {}
 
     def _with_faults(self, settings: Faults) -> FaultMemory:
