@@ -1,4 +1,4 @@
-"""Offline learning: TorchRL's IQL finds the better actions in a dataset of good and bad ones.
+"""Offline learning: TorchRL's IQL learns from a dataset of good and bad actions.
 
     pip install torchrl
     pip install fsspec pyarrow
