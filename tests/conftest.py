@@ -168,6 +168,26 @@ def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.fixture(scope="session")
+def drawing() -> bool:
+    """Whether pictures can be drawn here."""
+    from limberjack.mujoco import Physics  # after the renderer is chosen
+    from limberjack.mujoco.camera import RenderingError
+
+    try:
+        Physics.from_xml_string("<mujoco/>").render(8, 8)
+    except RenderingError:
+        return False
+    return True
+
+
+@pytest.fixture(scope="session")
+def pictures(drawing: bool) -> None:
+    """Skips where no pictures can be drawn."""
+    if not drawing:
+        pytest.skip("no OpenGL here; `limberjack doctor` says why")
+
+
+@pytest.fixture(scope="session")
 def theirs() -> Callable[[str], ModuleType]:
     """`theirs("mujoco")` is dm_control's module; skips where dm_control is not installed."""
     # Any: the module is found on pytest's path alone.

@@ -17,14 +17,6 @@ _COMMITTED = Path(__file__).parents[1] / "docs" / "images" / "suite.png"
 _MOST_BYTES = 1_000_000  # so that a page with the sheet loads quickly
 
 
-@pytest.fixture(scope="module")
-def _drawing() -> None:
-    try:
-        suite.load("humanoid", "stand").physics.render(height=8, width=8)
-    except RenderingError as error:
-        pytest.skip(f"no OpenGL here: {error}")
-
-
 def _drawn(directory: Path) -> Path:
     """The pictures drawn by the command, in a process of its own: OpenGL keeps about 1 GB."""
     out = directory / "new"
@@ -44,7 +36,7 @@ def _assert_committed(drawn: np.ndarray, committed: np.ndarray) -> None:
 # Each task has a model of its own to draw: together they take a quarter of a minute. What is drawn
 # of the others changes with their models, which tests/oracle compares number by number.
 @pytest.mark.slow
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_each_task_has_a_picture_that_is_not_blank_and_the_sheet_is_committed(
     tmp_path: Path,
 ) -> None:
@@ -59,7 +51,7 @@ def test_each_task_has_a_picture_that_is_not_blank_and_the_sheet_is_committed(
     _assert_committed(drawn, committed)
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_the_committed_sheet_has_the_pictures_that_are_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,7 +72,7 @@ def test_the_committed_sheet_has_the_pictures_that_are_drawn(
         _assert_committed(drawn[:160, 160 * number : 160 * (number + 1)], tile)
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_the_same_picture_comes_each_time() -> None:
     first, again = (gallery.draw("stacker", "stack_2", 60, 80) for _ in range(2))
     np.testing.assert_array_equal(first, again)

@@ -12,7 +12,6 @@ import pytest
 from limberjack import suite
 from limberjack.episodes.statistics import strata, summarise
 from limberjack.evaluation import Score, evaluate, published
-from limberjack.mujoco.camera import RenderingError
 
 _REPOSITORY = Path(__file__).parents[2]
 _RESULTS = sorted((_REPOSITORY / "benchmarks" / "results" / "scores").glob("*.json"))
@@ -114,13 +113,10 @@ def test_a_folder_is_taken_over(script: Any, tmp_path: Path, monkeypatch: Any) -
     assert "| stack_2 | zero | 0:4 |" in page
 
 
+@pytest.mark.usefixtures("pictures")
 def test_starts_that_the_planner_does_not_solve_are_drawn(
     script: Any, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    try:
-        suite.load("manipulator", "bring_peg").physics.render(height=8, width=8)
-    except RenderingError as error:
-        pytest.skip(f"no OpenGL here: {error}")
     monkeypatch.setattr(script, "_RESULTS", tmp_path)
     path = _REPOSITORY / "benchmarks/results/scores/manipulator-bring_peg-planner.json"
     result = json.loads(path.read_text(encoding="utf-8"))

@@ -10,9 +10,7 @@ from typing import Any
 import pytest
 import typer.testing
 
-from limberjack import suite
 from limberjack.cli import app
-from limberjack.mujoco.camera import RenderingError
 
 from .chromium import Chromium, Page
 
@@ -75,11 +73,8 @@ def test_the_page_loads_itself_alone_and_complains_of_nothing(page: Page, out: P
     assert page.errors == []
 
 
+@pytest.mark.usefixtures("pictures")
 def test_the_video_plays(page: Page) -> None:
-    try:
-        suite.load("humanoid", "stand").physics.render(height=8, width=8)
-    except RenderingError as error:
-        pytest.skip(f"no OpenGL here, so there is no video: {error}")
     video = "document.querySelector('video')"
     page.wait_for(f"{video}.readyState >= 2")
     assert page.evaluate(f"{video}.error") is None

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack import suite
 from limberjack.data import Pixels, collect, load
-from limberjack.mujoco.camera import RenderingError
 from tests.episodes.collected import PENDULUM, hashes, of_64, whole_hashes
 from tests.workers.killing import children, is_alive, shared_memory, wait_for
 
@@ -183,11 +181,8 @@ def test_another_dataset_in_the_folder_is_refused_by_name(tmp_path: Path) -> Non
     assert hashes(tmp_path) == before
 
 
+@pytest.mark.usefixtures("pictures")
 def test_pictures_are_kept_from_a_camera(tmp_path: Path) -> None:
-    try:
-        suite.load("pendulum", "swingup").physics.render(8, 8)
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
     out = tmp_path / "out"
     options = ["--seeds", "0:1", "--out", str(out)]
     result = invoke(*_PENDULUM, *options, "--camera", "lookat")

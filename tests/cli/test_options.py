@@ -22,7 +22,6 @@ from limberjack.cli.options import (
     shard_named,
     world_named,
 )
-from limberjack.mujoco.camera import RenderingError
 from limberjack.utils import png
 from limberjack.utils.seeds import SEEDS
 from tests.cli.conftest import call, invoke
@@ -236,14 +235,6 @@ def _env(name: str) -> list[str]:
     return ["--env", f"tests.cli.environments:{name}"]
 
 
-@pytest.fixture
-def _drawing() -> None:
-    try:
-        environments.plain(0).physics.render(8, 8)
-    except RenderingError as error:
-        pytest.skip(f"no OpenGL here: {error}")
-
-
 @pytest.mark.parametrize("name", _OWN)
 def test_a_users_environment_is_evaluated_collected_run_and_replayed(
     name: str, tmp_path: Path
@@ -289,7 +280,7 @@ def test_a_kind_of_batch_may_be_asked_for_and_changes_no_number(
     assert "task LastAction sets self.last" in refused.stderr
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize("name", _OWN)
 def test_a_users_environment_is_filmed_from_its_start_and_from_a_dataset(
     name: str, tmp_path: Path

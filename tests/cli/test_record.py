@@ -15,7 +15,6 @@ import typer.testing
 
 from limberjack import data, policies, suite
 from limberjack.cli import app
-from limberjack.mujoco.camera import RenderingError
 from limberjack.utils.files import Hold
 from tests.policies import saved_models
 
@@ -25,14 +24,6 @@ _WALK = ["record", "humanoid", "walk", "--seconds", "0.5"]
 
 def _invoke(*arguments: object) -> Any:
     return typer.testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-@pytest.fixture
-def _drawing() -> None:
-    try:
-        suite.load("humanoid", "stand").physics.render(height=8, width=8)
-    except RenderingError as error:
-        pytest.skip(f"no OpenGL here: {error}")
 
 
 def _frames(path: Path) -> tuple[str, np.ndarray]:
@@ -52,7 +43,7 @@ def _frames(path: Path) -> tuple[str, np.ndarray]:
     return facts[1], pixels.reshape(-1, int(size[2]), int(size[1]), 3)
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_an_episode_is_filmed_as_mp4(tmp_path: Path) -> None:
     path = tmp_path / "film.mp4"
     done = _invoke(*_WALK, *_SIZE, "--out", path, "--policy", "random", "--camera", "side")
@@ -70,7 +61,7 @@ def test_an_episode_is_filmed_as_mp4(tmp_path: Path) -> None:
     assert np.abs(frames[0].astype(int) - start.astype(int)).mean() < 8  # H.264 loses detail
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_an_episode_is_filmed_as_gif_in_real_time(tmp_path: Path) -> None:
     path = tmp_path / "film.gif"
     assert _invoke(*_WALK, *_SIZE, "--out", path).exit_code == 0
@@ -81,7 +72,7 @@ def test_an_episode_is_filmed_as_gif_in_real_time(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_rows_are_filmed_side_by_side(tmp_path: Path) -> None:
     path = tmp_path / "film.gif"
     arguments = ["record", "manipulator", "bring_ball", "--seconds", "0.04", "--camera", "fixed"]
@@ -92,7 +83,7 @@ def test_rows_are_filmed_side_by_side(tmp_path: Path) -> None:
     assert not frames[:, 48:, 64:].any()  # there is no fourth row
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize("where", [("humanoid", "walk"), ("manipulator", "bring_ball")])
 @pytest.mark.parametrize("colours", [False, True])
 def test_a_row_looks_as_the_single_environment_with_its_seed(
@@ -132,7 +123,7 @@ def test_a_row_looks_as_the_single_environment_with_its_seed(
             time_step = env.step(act(time_step.observation))
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path) -> None:
     films = {}
     for name, options in {
@@ -149,7 +140,7 @@ def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path
     assert not changed[:120].any()
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -183,7 +174,7 @@ def test_a_mistake_is_one_line_and_status_2_and_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize("rows", [1, 2])
 def test_a_film_may_be_larger_than_the_models_own_pictures(tmp_path: Path, rows: int) -> None:
     path = tmp_path / "film.mp4"
@@ -193,7 +184,7 @@ def test_a_film_may_be_larger_than_the_models_own_pictures(tmp_path: Path, rows:
     assert _frames(path)[1].shape == (2, 720, 1300, 3)
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_a_directory_is_refused_before_anything_is_filmed(tmp_path: Path) -> None:
     path = tmp_path / "film.mp4"
     path.mkdir()
@@ -203,7 +194,7 @@ def test_a_directory_is_refused_before_anything_is_filmed(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_a_saved_model_is_filmed_alone_and_in_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,7 +213,7 @@ def test_a_saved_model_is_filmed_alone_and_in_rows(
     assert "the model's actions have shape (21,)" in wrong.stderr
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_the_film_of_a_run_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "video.mp4"
     (tmp_path / "result.json").write_text("{}")
@@ -270,7 +261,7 @@ def test_without_opengl_it_is_one_line_and_status_1(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_without_ffmpeg_the_error_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -304,7 +295,7 @@ def wrong(observation):
 """
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize(
     ("policy", "rows", "status"), [("Interrupted", "1", 130), ("Terminated", "2", 143)]
 )
@@ -327,7 +318,7 @@ def test_a_film_that_is_interrupted_leaves_nothing_of_itself(
     assert [path.name for path in tmp_path.iterdir()] == ["policies_of_mine.py"]
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize("rows", [1, 2])
 def test_a_film_of_a_policy_that_fails_leaves_nothing_of_itself(
     rows: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -344,7 +335,7 @@ def test_a_film_of_a_policy_that_fails_leaves_nothing_of_itself(
     assert [path.name for path in tmp_path.iterdir()] == ["policies_that_fail.py"]
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_an_episode_of_a_dataset_is_filmed(tmp_path: Path) -> None:
     data.collect("pendulum", "swingup", "random", range(2), out=tmp_path, time_limit=0.1)
     film = tmp_path / "film.gif"
@@ -379,7 +370,7 @@ def test_a_film_is_of_a_task_or_of_a_dataset(
     assert result.stderr.count("\n") == 1
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_the_planner_is_filmed_in_rows_each_planning_for_itself(tmp_path: Path) -> None:
     film = tmp_path / "film.gif"
     task = ["record", "manipulator", "bring_ball", "--seconds", "0.04", "--policy", "planner"]
@@ -387,7 +378,7 @@ def test_the_planner_is_filmed_in_rows_each_planning_for_itself(tmp_path: Path) 
     assert _frames(film)[1].shape == (2, 96, 128, 3)
 
 
-@pytest.mark.usefixtures("_drawing")
+@pytest.mark.usefixtures("pictures")
 def test_the_datasets_of_run_and_solve_are_filmed(tmp_path: Path) -> None:
     for command, more in (("run", ["--policy", "random"]), ("solve", ["--threads", "1"])):
         out, film = tmp_path / command, tmp_path / f"{command}.gif"

@@ -19,7 +19,6 @@ from limberjack.cli.output import FAILED, INTERRUPTED, MISUSED
 from limberjack.cli.progress import Units, show_units
 from limberjack.cli.run import finish, scale_of
 from limberjack.episodes.running import Run
-from limberjack.mujoco.camera import RenderingError
 from limberjack.policies import PolicyError
 from limberjack.suite import base, humanoid
 from limberjack.utils.files import Hold
@@ -58,17 +57,6 @@ def _result(directory: Path) -> dict[str, Any]:
         raise AssertionError(f"{name} is no JSON")
 
     return json.loads((directory / "result.json").read_text(), parse_constant=refuse)
-
-
-@pytest.fixture(scope="module")
-def drawing() -> bool:
-    """Whether OpenGL can be had here."""
-    try:
-        environment = suite.load("humanoid", "stand")
-        environment.physics.render(height=8, width=8)
-    except RenderingError:
-        return False
-    return True
 
 
 def test_run_shows_the_returns_of_the_episodes() -> None:

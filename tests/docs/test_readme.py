@@ -78,7 +78,8 @@ def test_the_lines_that_need_no_clone_are_the_same_on_both_pages() -> None:
 @pytest.mark.parametrize("program", ["uvx", "pipx"])
 def test_the_line_that_needs_no_clone_plays_a_policy(program: str, tmp_path: Path) -> None:
     if shutil.which(program) is None:
-        pytest.skip(f"there is no {program} here")
+        # They install packages by themselves, and are not Limberjack's to install.
+        pytest.skip(f"there is no {program} here: install it to test README's line")
     page = (_REPOSITORY / "docs" / "install.md").read_text(encoding="utf-8")
     (line,) = re.findall(rf"^ +({program} .*)$", page, re.MULTILINE)
     here = line.replace("git+URL", f"git+{_REPOSITORY.as_uri()}")

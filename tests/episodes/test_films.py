@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import suite
 from limberjack.data import Dataset, Kept, collect, film, load
 from limberjack.episodes.films import drawable, record
 from limberjack.episodes.parquet import encode
-from limberjack.mujoco.camera import RenderingError
 from limberjack.rl.control import Environment
 from limberjack.utils.files import Hold
 from tests import plain_domain
@@ -24,12 +22,7 @@ from .collected import ARM, put
 _SIZE: dict[str, Any] = {"height": 32, "width": 48}
 
 
-@pytest.fixture(autouse=True)
-def _drawing() -> None:
-    try:
-        suite.load("humanoid", "stand").physics.render(height=8, width=8)
-    except RenderingError as error:
-        pytest.skip(f"no OpenGL here: {error}")
+pytestmark = pytest.mark.usefixtures("pictures")
 
 
 class _Frames:

@@ -10,7 +10,6 @@ from limberjack import data
 from limberjack.data import Kept
 from limberjack.episodes.films import record
 from limberjack.evaluation import evaluate
-from limberjack.mujoco.camera import RenderingError
 from limberjack.rl import control
 from limberjack.rl.copies import control_of
 from tests.rl import odd_environments as odd
@@ -77,14 +76,11 @@ def test_workers_collect_the_same_bytes(tmp_path: Path) -> None:
     assert files[0] == files[1]
 
 
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize("repeat", [2, 3])
 def test_repeated_actions_and_their_pictures_are_kept_and_replayed(
     repeat: int, tmp_path: Path
 ) -> None:
-    try:
-        pictured(0).reset()
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
     data.collect(
         pictured, None, "random", range(2), out=tmp_path, num_threads=1, action_repeat=repeat
     )
@@ -114,13 +110,11 @@ def test_what_cannot_be_named_is_not_kept(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("pictures")
 def test_an_episode_of_a_users_environment_is_filmed(tmp_path: Path) -> None:
     pytest.importorskip("imageio_ffmpeg", reason="needs the extra 'video'")
     view: Any = {"height": 32, "width": 32, "camera": -1}
-    try:
-        record(delaying, out=tmp_path / "policy.gif", policy="random", rows=2, **view)
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
+    record(delaying, out=tmp_path / "policy.gif", policy="random", rows=2, **view)
     for kept in (Kept(), Kept(states=True)):
         out = tmp_path / f"{kept.states}"
         data.collect(delaying, None, "random", [3], out=out, num_threads=1, kept=kept)

@@ -17,7 +17,6 @@ from limberjack.data import Dataset, Kept, Pixels, collect, load, pictures
 from limberjack.episodes import recipe as recipes
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.to_lerobot import to_lerobot
-from limberjack.mujoco.camera import RenderingError
 
 from .collected import ARM, folder_of, whole_hashes
 
@@ -25,12 +24,7 @@ from .collected import ARM, folder_of, whole_hashes
 _PIXELS = Pixels(camera=0, height=12, width=16, quality="fast")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _can_draw() -> None:
-    try:
-        suite.load("cartpole", "balance").physics.render(8, 8)
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
+pytestmark = pytest.mark.usefixtures("pictures")
 
 
 @pytest.fixture(scope="module")

@@ -57,6 +57,7 @@ def test_the_frames_are_the_steps(arms: Dataset, tmp_path: Path) -> None:
     assert frames["next.done"].tolist() == [False] * 4 + [True] + [False] * 4 + [True]
     assert not frames["next.terminated"].any()
     assert "next.success" in frames
+    # Times are of single precision, as in LeRobot's own datasets.
     np.testing.assert_allclose(frames["timestamp"], [*np.arange(5) * 0.01] * 2, rtol=1e-6)
     assert frames["frame_index"].tolist() == [*range(5)] * 2
     assert frames["episode_index"].tolist() == [0] * 5 + [1] * 5

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import limberjack
-from limberjack import data, policies, suite
-from limberjack.mujoco.camera import RenderingError
+from limberjack import data, policies
 from limberjack.policies import mlp
 from limberjack.utils.requirements import install_command
 from tests.policies.network_files import write
@@ -129,11 +128,8 @@ def test_planner_cost() -> None:
     assert re.search(r"^return [2-6]\d\.\d of 90, at last (0\.9\d|1\.00)$", printed, re.MULTILINE)
 
 
+@pytest.mark.usefixtures("pictures")
 def test_planner_picture(tmp_path: Path) -> None:
-    try:
-        suite.load("manipulator", "bring_ball").physics.render(8, 8)
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
     out = tmp_path / "plans.png"
     printed = _output("planner_picture", "--steps", "4", "--out", str(out))
     assert re.search(r"^\d+ plans of \d+ steps drawn in ", printed, re.MULTILINE)
@@ -198,11 +194,8 @@ def test_sb3_crossq(tmp_path: Path) -> None:
     assert re.search(r"^ *0 +\d+\.\d{3} +25", played, re.MULTILINE), played
 
 
+@pytest.mark.usefixtures("pictures")
 def test_drq_learns_from_pictures_and_continues_a_run(tmp_path: Path) -> None:
-    try:
-        suite.load("cartpole", "balance").physics.render(8, 8)
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
     small = ("--envs", "2", "--seconds", "0.4", "--random", "12", "--evaluate-every", "20")
     curves = []
     for name, runs, evaluations in (("whole", (640,), 5), ("continued", (320, 640), 2)):

@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 
 import limberjack
-from limberjack import suite
-from limberjack.mujoco.camera import RenderingError
 from limberjack.see.notebook import Shown
 from tests.programs import run
 
@@ -113,14 +111,11 @@ def test_showing_imports_nothing_of_jupyter() -> None:
     run(program)
 
 
+@pytest.mark.usefixtures("pictures")
 def test_the_example_notebook_runs_and_shows_a_picture_and_two_films() -> None:
     missing = [name for name in ("nbclient", "ipykernel") if importlib.util.find_spec(name) is None]
     if missing:
         pytest.skip(f"needs the extra 'notebook': {', '.join(missing)} not installed")
-    try:
-        suite.load("humanoid", "run").physics.render(height=8, width=8)
-    except RenderingError as error:
-        pytest.skip(f"no OpenGL here: {error}")
     path = os.pathsep.join(filter(None, [str(_SOURCE), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(
         [sys.executable, "-c", _EXECUTE, _NOTEBOOK],

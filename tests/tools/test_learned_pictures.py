@@ -11,7 +11,6 @@ import tiles
 from matplotlib.image import imread
 
 from limberjack import policies, suite
-from limberjack.mujoco import RenderingError
 from tests.tools import gifs
 
 _BUNDLED = policies.bundled()
@@ -63,15 +62,12 @@ def test_there_is_no_picture_of_a_domain_without_a_bundled_policy() -> None:
     assert drawn == {one.domain for one in _BUNDLED}
 
 
+@pytest.mark.usefixtures("pictures")
 def test_pictures_show_an_episode_of_the_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (one,) = (b for b in _BUNDLED if (b.domain, b.task) == ("cartpole", "swingup"))
     monkeypatch.setattr(policies, "bundled", lambda: [one, one, one])
-    try:
-        suite.load("cartpole", "swingup").physics.render(8, 8)
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
     learned_pictures.main(tmp_path / "learned", seconds=0.4)
     (episode,) = learned_pictures.episodes(tmp_path / "learned").values()
     assert episode.seconds == [0.0, 0.08, 0.24, 0.32]

@@ -9,7 +9,6 @@ import pytest
 import tiles
 
 from limberjack import suite
-from limberjack.mujoco import RenderingError
 from tests.tools import gifs
 
 
@@ -30,13 +29,10 @@ def test_the_pages_that_show_the_film_count_its_tasks() -> None:
         assert f"]({folder}images/playing.gif)" in text, page
 
 
+@pytest.mark.usefixtures("pictures")
 def test_a_film_has_its_players_and_tiles_that_are_kept_are_not_played_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    try:
-        suite.load("cartpole", "swingup").physics.render(8, 8)
-    except RenderingError as error:
-        pytest.skip(f"no pictures can be drawn here: {error}")
     monkeypatch.setattr(playing_film, "TASKS", (("cartpole", "swingup"), ("acrobot", "swingup")))
     players: list[tuple[str, str, int]] = []
     plain = tiles.play

@@ -77,6 +77,7 @@ def test_noise_has_its_standard_deviation_and_actions_stay_within_bounds() -> No
     assert np.std(seen) == pytest.approx(0.5, rel=5 / np.sqrt(2 * 6000))
     assert np.std([action[0] for action in taken]) == pytest.approx(0.3, rel=5 / np.sqrt(4000))
     assert np.max(taken) == 1.0
+    # Half of the noise is cut off at the bound; 0.06 is more than 5 standard errors of that share.
     assert np.mean([action[1] == 1.0 for action in taken]) == pytest.approx(0.5, abs=0.06)
 
 
@@ -125,6 +126,7 @@ def test_dummies_are_noise_of_the_present_step() -> None:
     assert list(seen[0]) == ["x", "y", "dummy-0", "dummy-1", "dummy-2"]
     values = np.array([[one[f"dummy-{number}"] for number in range(3)] for one in seen])
     assert len(np.unique(values)) == values.size
+    # 5 standard errors of a standard deviation.
     assert np.std(values) == pytest.approx(1.0, rel=5 / np.sqrt(2 * values.size))
 
 
