@@ -1,6 +1,8 @@
 """Tests of limberjack.utils.suggest."""
 
-from limberjack.utils.suggest import did_you_mean
+import pytest
+
+from limberjack.utils.suggest import check_names, did_you_mean
 
 DOMAINS = ["humanoid", "manipulator", "stacker"]
 
@@ -28,3 +30,13 @@ def test_values_that_are_not_strings_bring_nothing() -> None:
 def test_choices_may_be_any_iterable() -> None:
     assert did_you_mean("walk", iter(["walks", "run"])) == " Did you mean 'walks'?"
     assert did_you_mean("walk", {"walks": 1}) == " Did you mean 'walks'?"
+
+
+def test_a_name_that_is_not_known_is_refused_with_all_that_are() -> None:
+    known = iter(["camera", "height"])
+    check_names("pixels has no option", ["height"], ["camera", "height"])
+    expected = (
+        r"^pixels has no option 'heigth'\. Did you mean 'height'\? It takes: camera, height\.$"
+    )
+    with pytest.raises(TypeError, match=expected):
+        check_names("pixels has no option", ["camera", "heigth"], known)

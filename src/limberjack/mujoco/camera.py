@@ -26,7 +26,7 @@ from limberjack.mujoco.rendering import Contexts, Pending, RenderingError, conte
 from limberjack.mujoco.wrapper import MjData, MjModel, MjvCamera, MjvOption, MjvScene
 from limberjack.mujoco.wrapper.util import to_binary_string
 from limberjack.mujoco.wrapper.visual import RenderFlag
-from limberjack.utils.suggest import did_you_mean
+from limberjack.utils import suggest
 
 __all__ = [
     "FREE_CAMERA",
@@ -361,7 +361,7 @@ def _one_of(what: str, name: str, values: Mapping[str, _T]) -> _T:
     if name not in values:
         choices = ", ".join(map(repr, values))
         raise ValueError(
-            f"{what} is {name!r}; expected one of: {choices}.{did_you_mean(name, values)}"
+            f"{what} is {name!r}; expected one of: {choices}.{suggest.did_you_mean(name, values)}"
         )
     return values[name]
 
@@ -500,12 +500,7 @@ _OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "qual
 
 def check_names(given: Iterable[str]) -> None:
     """Raises TypeError for the name of a keyword that `render` does not accept."""
-    for name in given:
-        if name not in _KEYWORDS:
-            raise TypeError(
-                f"render got an unexpected keyword argument {name!r}."
-                f"{did_you_mean(name, _KEYWORDS)} It takes: {', '.join(_KEYWORDS)}."
-            )
+    suggest.check_names("render got an unexpected keyword argument", given, _KEYWORDS)
 
 
 def picture_spec(

@@ -29,7 +29,7 @@ from dm_env import specs
 from limberjack.rl.contract import Drawn
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.observations import of_type
-from limberjack.utils.suggest import did_you_mean
+from limberjack.utils.suggest import check_names
 
 __all__ = [
     "PIXELS_KEY",
@@ -93,12 +93,7 @@ class Pixels:
                 f"pixels is {options!r}; expected a mapping such as {{'camera': 0, 'height': 84}}"
             )
         known = [field.name for field in dataclasses.fields(cls)]
-        for name in options:
-            if name not in known:
-                raise TypeError(
-                    f"pixels has no option {name!r}.{did_you_mean(name, known)} It takes: "
-                    f"{', '.join(known)}."
-                )
+        check_names("pixels has no option", options, known)
         return dataclasses.replace(cls(), **options)
 
     @property

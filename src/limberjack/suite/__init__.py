@@ -40,7 +40,7 @@ from limberjack.suite._registration import (
     unregister,
 )
 from limberjack.utils.keywords import keywords, with_keyword
-from limberjack.utils.suggest import did_you_mean
+from limberjack.utils.suggest import check_names, did_you_mean
 
 __all__ = [
     "ALL_TASKS",
@@ -455,9 +455,4 @@ def _check_keywords(
     parameters = inspect.signature(factory).parameters
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
         return
-    for name in given:
-        if name not in parameters:
-            raise TypeError(
-                f"{where} got an unexpected keyword argument {name!r}."
-                f"{did_you_mean(name, parameters)} It takes: {', '.join(parameters)}."
-            )
+    check_names(f"{where} got an unexpected keyword argument", given, parameters)

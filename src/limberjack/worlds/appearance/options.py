@@ -22,7 +22,7 @@ import numbers
 from collections.abc import Mapping, Sequence
 from typing import Self, cast
 
-from limberjack.utils.suggest import did_you_mean
+from limberjack.utils.suggest import check_names, did_you_mean
 
 __all__ = ["INTENSITIES", "PRESETS", "Appearance", "AppearanceOptions", "level"]
 
@@ -164,12 +164,7 @@ class Appearance:
             )
         options = _with_preset(found)
         known = [field.name for field in dataclasses.fields(cls)]
-        for name in options:
-            if name not in known:
-                raise TypeError(
-                    f"appearance has no option {name!r}.{did_you_mean(name, known)} It takes: "
-                    f"preset, intensity, {', '.join(known)}."
-                )
+        check_names("appearance has no option", options, ["preset", "intensity", *known])
         # The fields check their own values.
         return dataclasses.replace(cls(), **cast(dict[str, float], options))
 

@@ -15,7 +15,7 @@ import math
 import typing
 from collections.abc import Mapping
 
-from limberjack.utils.suggest import did_you_mean
+from limberjack.utils.suggest import check_names, did_you_mean
 
 __all__ = [
     "CHALLENGES",
@@ -184,11 +184,8 @@ def _changed(base: _T, changes: object, where: str) -> _T:
     fields = {field.name: field for field in dataclasses.fields(base)}
     kinds = typing.get_type_hints(type(base))
     values = {}
+    check_names(f"{where} has no", changes, fields)
     for name, value in changes.items():
-        if name not in fields:
-            raise TypeError(
-                f"{where} has no {name!r}.{did_you_mean(name, fields)} It takes: {_names(base)}."
-            )
         path = f"{where}[{name!r}]"
         values[name] = _value(getattr(base, name), value, kinds[name], path, fields[name].metadata)
     return dataclasses.replace(base, **values)
