@@ -89,7 +89,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "worlds/faults/settings.py": [
         ("Fault(0.05, 5), 2, 20)", "Fault(0.05, 5), 1, 20)"),
-        ("    check_names(f\"{where} has no\", changes, fields)\n", ""),
+        ('    check_names(f"{where} has no", changes, fields)\n', ""),
         ("if not (lowest <= given <= highest and", "if not (lowest <= given and"),
         ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
     ],
