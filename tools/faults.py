@@ -73,6 +73,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            return self._act(None)\n        return self._act",
         ),
         ("        self._action = action\n", "        self._action = np.zeros(shape)\n"),
+        (" or self._look is not None\n", "\n"),
     ],
     "rl/episode_values.py": [
         (
@@ -93,7 +94,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not (lowest <= given <= highest and", "if not (lowest <= given and"),
         ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
     ],
+    "training/folder.py": [
+        ('{"world": None, **found}[name] for name in identity', "found[name] for name in found"),
+    ],
     "worlds/faults/memory.py": [
+        ("np.where(fields[name] == perturbed[name], value, fields[name])", "value"),
         ("                self.values[name][rows] = values[rows]", "                pass"),
         ("        self._keep(self._pending, rows)\n", "        self._keep(self._pending, None)\n"),
         ("    pushed[~are_filled] = new[~are_filled][:, None]\n", ""),
@@ -660,6 +665,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("self._settings.samples // _POLICY_SHARE", "self._settings.samples // 2"),
         ("[of_policy, self._proposals]", "[self._proposals, of_policy]"),
         ("knot_weights(len(knots), later) @ elites", "elites"),
+        ("if n not in only_perturbed)", ")"),
+        ("    physics.simulation.set_fields(faults.nominal)\n", ""),
     ],
     "planner/policy_plans.py": [
         ("                physics.set_control(action)\n", ""),
@@ -987,6 +994,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    stage.follow(model)\n", ""),
         ("centre = np.zeros(3) if is_fixed else", "centre = np.zeros(3) if number < 0 else"),
         ("return sphere_of(model.cam_poscom0[number])", "return sphere_of(pose.position)"),
+        ("    model.cam_poscom0[number] = pose.position - data.subtree_com[body]\n", ""),
+        ("        textures[sky] = frame\n", "        pass\n"),
         ('{**flags, "skybox": True}', '{"skybox": True, **flags}'),
         (' or options.place == "picture":\n        return None', ":\n        return None"),
     ],

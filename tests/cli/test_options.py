@@ -451,7 +451,7 @@ def test_faults_that_do_not_exist_are_refused(faults: str, env: str | None, mess
 
 def test_an_unknown_fault_is_one_line_and_status_2_in_every_command(tmp_path: Path) -> None:
     task = ("reacher", "easy", "--faults", "eesy")
-    commands = [(name,) for name in ("run", "evaluate", "view")]
+    commands = [(name,) for name in ("run", "evaluate", "view", "solve")]
     commands += [("collect", "--out", str(tmp_path)), ("record", "--out", str(tmp_path / "a.gif"))]
     for name, *more in commands:
         result = invoke(name, *task, *more)

@@ -298,3 +298,17 @@ def test_solve_explains_its_plans_by_stage_and_terms(tmp_path: Path) -> None:
     silent = invoke(*tower[:-1], "--out", str(tmp_path / "silent"))
     assert silent.exit_code == 0, silent.output
     assert _returns(tmp_path / "silent") == _returns(tmp_path)
+
+
+def test_solve_plays_with_faults_and_an_appearance_as_part_of_the_identity(tmp_path: Path) -> None:
+    short = ["solve", "cartpole", "balance", "--time-limit", "0.03", "--threads", "1"]
+    short += ["--out", str(tmp_path), "--explain"]
+    result = invoke(*short, "--faults", "easy", "--appearance", '{"colors": "easy"}')
+    assert result.exit_code == 0, result.output
+    world = json.loads((tmp_path / "result.json").read_text())["world"]
+    assert world["faults"]["delay"]["actions"] == 3
+    assert world["appearance"] == {"colors": 0.1}
+    other = invoke(*short, "--faults", "medium")
+    assert other.exit_code == 2
+    assert "world" in other.stderr
+    assert len(other.stderr.splitlines()) == 1

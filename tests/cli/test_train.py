@@ -67,6 +67,7 @@ def test_without_its_packages_one_sentence_says_what_to_install(
         ([], "got no task; expected DOMAIN TASK"),
         (["pendulum", "swingup", "--config", "none.toml"], "none.toml"),
         (["pendulum", "swingup", "--env", "a:b"], "expected one of them"),
+        (["pendulum", "swingup", "--faults", "eesy"], "there are no faults 'eesy'"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(

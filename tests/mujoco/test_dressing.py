@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 
 from limberjack import suite
 from limberjack.mujoco import Physics, dressing
-from limberjack.mujoco.dressing import behind, flags_for, look_of, staged
+from limberjack.mujoco.dressing import behind, dressed, flags_for, look_of, staged
 from limberjack.mujoco.rendering import uploads as rendering_uploads
 from limberjack.mujoco.rendering.uploads import _KINDS
 from limberjack.worlds.appearance import Appearance, Look, Looks
@@ -166,6 +166,51 @@ def _with_sky(physics: Physics, texture: np.ndarray, xml: str) -> Physics:
     other.data.qpos[:] = physics.data.qpos
     other.forward()
     return other
+
+
+@pytest.mark.parametrize("domain", _SIX)
+@pytest.mark.parametrize(
+    "appearance", [{"camera": 0.3, "colors": 0.3, "background": "noise"}, "rotate_shift_hard"]
+)
+def test_a_dressed_model_is_drawn_as_the_scene_is_dressed(domain: str, appearance: Any) -> None:
+    physics, look = _physics(domain), _look(appearance)
+    model, data = physics.model._model, physics.data._data
+    other = mujoco.MjData(made := dressed(look, model, data))
+    # The body that a camera follows has moved since.
+    data.qpos[-1] += 0.3
+    other.qpos[:] = data.qpos
+    physics.forward()
+    mujoco.mj_forward(made, other)
+    # Rotations that are composed in another order round differently.
+    np.testing.assert_allclose(_eyes_of(made, other), _eyes(physics, look)[0], atol=1e-5)
+    assert np.abs(np.subtract(_eyes_of(made, other), _eyes(physics, None)[0])).max() > 0.01
+    colors = look.colors(model.mat_rgba[:, :3].astype(float), 0.0)
+    if colors is not None:
+        assert_array_equal(made.mat_rgba[:, :3], colors.astype(np.float32))
+    background = look.background(0.0)
+    if background is not None:
+        sky = int(np.flatnonzero(made.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)[0])
+        assert_array_equal(dressing._pixels(made, sky), background)
+
+
+def _eyes_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """As `_eyes`, of the model's own camera."""
+    scene, view = mujoco.MjvScene(model, 1000), mujoco.MjvCamera()
+    view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
+    parts = mujoco.MjvOption(), mujoco.MjvPerturb(), view, mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(model, data, *parts, scene)
+    return np.array([[eye.pos, eye.forward, eye.up] for eye in scene.camera])
+
+
+def test_a_dressed_model_has_the_background_of_a_picture_on_its_sky() -> None:
+    physics = _physics("walker")
+    look = _look({"preset": "video_hard", "background": "noise"})
+    made = dressed(look, physics.model._model, physics.data._data)
+    floor = physics.model.name2id("grid", "material")
+    assert (made.mat_rgba[floor, 3], physics.model.mat_rgba[floor, 3]) == (0.0, 1.0)
+    background = look.background(0.0)
+    assert background is not None
+    assert background.tobytes() in made.tex_data.tobytes()
 
 
 def test_a_palette_repaints_floor_body_and_sky() -> None:

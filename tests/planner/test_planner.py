@@ -37,6 +37,27 @@ def _actions(env: Any, planner: Planner, steps: int) -> np.ndarray:
     return np.array(actions)
 
 
+def test_a_planner_knows_nothing_of_faults() -> None:
+    longer = {"parameter": "pole_length", "lowest": 2.0, "highest": 2.3}
+    late = {"delay": {"actions": 2, "observations": 2}, "perturbation": longer}
+    faulty = suite.load("cartpole", "swingup", {"random": 5}, faults=late)
+    faulty.reset()  # with a longer pole, before the planner is made
+    faulty.reseed(5)
+    planned = []
+    for env in (faulty, _load("cartpole", "swingup")):
+        planner = Planner(env, num_threads=1, settings=_small(env))
+        env.reset()
+        planned.append((planner, planner.act()))
+    (blind, action), (planner, expected) = planned
+    np.testing.assert_array_equal(action, expected)
+    assert faulty._faults is not None
+    for name in faulty._faults.fields:
+        nominal = getattr(planner._now.model, name)
+        for physics in (blind._now, *(one.physics for one in blind._rollouts.values())):
+            np.testing.assert_array_equal(getattr(physics.model, name), nominal)
+        assert not np.array_equal(getattr(faulty.physics.model, name), nominal)
+
+
 def _measured(planner: Planner) -> None:
     """Gives a planner's budget a first measurement: of almost no time."""
     planner._budget.begin()

@@ -145,6 +145,13 @@ def test_a_policy_of_pictures_is_refused() -> None:
         Planner(env, settings=_SETTINGS, policy=_wave)
 
 
+def test_a_policy_is_refused_beside_faults_which_a_plan_does_not_simulate() -> None:
+    settings = {"num_threads": 1, "settings": _SETTINGS, "policy": _wave}
+    with pytest.raises(ValueError, match="the environment has faults, which a plan does not sim"):
+        Planner(suite.load("walker", "walk", faults="easy"), **settings)
+    Planner(suite.load("walker", "walk", appearance={"colors": "easy"}), **settings)
+
+
 def test_the_closest_spline_goes_through_targets_that_lie_on_one() -> None:
     knots, phases = np.random.default_rng(0).normal(size=(4, 2)), np.linspace(0.0, 3.0, 13)
     found = _spline_of(knot_weights(4, phases) @ knots, phases, 4)

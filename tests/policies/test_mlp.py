@@ -63,6 +63,13 @@ def test_a_saved_policy_is_loaded_with_its_card_and_weights(tmp_path: Path) -> N
             assert other.dtype == np.float32
 
 
+def test_a_card_has_a_world_only_where_it_is_not_the_tasks_own(tmp_path: Path) -> None:
+    assert "world" not in _CARD.as_json()
+    card = dataclasses.replace(_CARD, world={"faults": {"delay": {"actions": 3}}})
+    assert b"actions" in _saved(tmp_path / "faulty", card)
+    assert mlp.load(tmp_path / "faulty").card.world == card.world
+
+
 def test_equal_policies_give_equal_bytes(tmp_path: Path) -> None:
     contents = {_saved(tmp_path / f"{number}.safetensors") for number in range(3)}
     assert len(contents) == 1
@@ -203,6 +210,8 @@ _CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"versions": {"mujoco": 4}}, "its versions is"),
     ({"scores": "many"}, "its scores is 'many'"),
     ({"scores": {"mean": 1, "interval": [1], "seeds": [0, 1]}}, "its scores is"),
+    ({"world": "faulty"}, "its world is 'faulty'"),
+    ({"world": {"falts": {}}}, "its world is {'falts': {}}"),
 ]
 
 

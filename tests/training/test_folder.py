@@ -51,6 +51,13 @@ def test_another_run_is_refused_by_name(
     _open(tmp_path)  # the lock is free
 
 
+def test_a_run_without_an_entry_for_its_world_is_one_of_the_tasks_own(tmp_path: Path) -> None:
+    _open(tmp_path)
+    _open(tmp_path, world=None)
+    with pytest.raises(ValueError, match=r"has a run whose world is None, not {'faults': 'easy'}"):
+        _open(tmp_path, world={"faults": "easy"})
+
+
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
     with pytest.raises(ValueError, match=r"has other files, such as thesis.tex"):

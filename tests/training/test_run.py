@@ -21,6 +21,7 @@ from limberjack.evaluation import evaluate
 from limberjack.policies import Learning, learning_of, mlp
 from limberjack.training import TABLE, Run, Settings, TrainingError, train
 from limberjack.training import run as run_module
+from limberjack.worlds.faults import Faults
 from tests.training.small import SMALL, make, remembering
 
 _REASON = "needs the extra 'train'"
@@ -134,6 +135,26 @@ def test_another_seed_is_another_run(undisturbed: Run, tmp_path: Path) -> None:
     assert not np.array_equal(weights[0], weights[1])
     with pytest.raises(ValueError, match="whose seed is 0, not 1"):
         _pendulum(undisturbed.policy.parent, seed=1)
+
+
+def test_a_run_with_faults_is_trained_and_evaluated_with_them_and_no_other_continues_it(
+    tmp_path: Path,
+) -> None:
+    world = {"faults": {"delay": {"rewards": 2}, "dummies": 2}}
+    run = _pendulum(tmp_path, steps=180, world=world)
+    card = mlp.load(run.policy).card
+    assert card.world == {"faults": Faults.of(world["faults"]).as_json()}
+    assert card.layout[-2:] == (("dummy-0", ()), ("dummy-1", ()))
+    task = ("pendulum", "swingup", f"mlp:{run.policy}", run_module._EVALUATED)
+    played = evaluate(*task, world=world)
+    found = [score.total for score in played.scores[played.policy]]
+    # A matrix product of another number of rows may round differently.
+    assert found == pytest.approx(run.curve[-1].returns, rel=1e-3, abs=1e-3)
+    late = {"faults": {"delay": {"rewards": 3}, "dummies": 2}}
+    with pytest.raises(ValueError, match=r"whose world.faults.delay.rewards is 2, not 3: choose"):
+        _pendulum(tmp_path, steps=180, world=late)
+    with pytest.raises(ValueError, match=r"a run whose world is {.*}, not None: choose another"):
+        _pendulum(tmp_path, steps=180)
 
 
 def _drawn_tasks(monkeypatch: pytest.MonkeyPatch) -> list[Learning]:

@@ -376,16 +376,25 @@ def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
         plans.begin_with("random")
 
 
-def test_the_colours_of_an_appearance_are_shown_and_the_models_own_return() -> None:
-    environment = suite.load("walker", "walk", {"random": 0}, appearance={"colors": 0.3})
+def test_each_episode_of_an_appearance_gives_the_viewer_another_model() -> None:
+    look = {"colors": 0.3, "camera": 0.3, "background": "noise"}
+    environment = suite.load("walker", "walk", {"random": 0}, appearance=look)
     session = Session(environment, seed=0)
-    model = session.copy_model()
-    before = model.mat_rgba.copy()
-    session.copy_state(model, mujoco.MjData(model))
-    difference = abs(model.mat_rgba - before)
-    assert 0.1 < difference[:, :3].max() <= 0.3 + 1e-6
-    assert not difference[:, 3].any()
-    assert (environment.physics.model._model.mat_rgba == before).all()
+    own, model = environment.physics.model._model, session.copy_model()
+    before, version = own.mat_rgba.copy(), session.model_version
+    assert 0.1 < abs(model.mat_rgba - before)[:, :3].max() <= 0.3 + 1e-6
+    first = {name: np.copy(getattr(model, name)) for name in _LOOKS}
+    assert session.copy_fields(model) == []
+    session.reset()
+    assert session.model_version > version
+    assert {*_LOOKS} <= {*session.copy_fields(model)}
+    for name, value in first.items():
+        assert not np.array_equal(getattr(model, name), value)
+        np.testing.assert_array_equal(getattr(session.copy_model(), name), getattr(model, name))
+    assert (own.mat_rgba == before).all()
+
+
+_LOOKS = ("mat_rgba", "tex_data", "cam_pos", "cam_poscom0", "cam_quat")
 
 
 def test_a_chosen_seed_begins_its_episode_and_the_next_follow() -> None:

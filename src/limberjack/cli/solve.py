@@ -8,8 +8,10 @@ import typer
 from limberjack.cli.app import command
 from limberjack.cli.options import (
     AnyProcessor,
+    Appearance,
     EnvironmentName,
     Episodes,
+    Faults,
     OptionalDomain,
     Out,
     Ray,
@@ -23,6 +25,7 @@ from limberjack.cli.options import (
     finite,
     named_environment,
     shard_named,
+    world_named,
 )
 from limberjack.cli.output import misuse_reported
 from limberjack.cli.process import command_line
@@ -63,11 +66,14 @@ def _solve(
     ray: Ray = None,
     shard: Shard = None,
     any_processor: AnyProcessor = False,
+    faults: Faults = None,
+    appearance: Appearance = None,
     explain: _Explain = False,
 ) -> None:
     """Play episodes of a task with the planner, which simulates the outcomes of its actions.
 
-    It plans from the simulator's full state, not from observations. The same seed gives the same
+    It plans from the simulator's full state, not from observations, with the task's own model and
+    without the faults of --faults. The same seed gives the same
     episode at any number of threads and workers; by default one episode is played per core. With
     --out it writes what `limberjack run` writes; each episode is kept as it ends, and the same
     command continues where an earlier one was killed.
@@ -75,6 +81,7 @@ def _solve(
     with show_units() as progress:
         with misuse_reported():
             where = named_environment(domain, task, env, time_limit)
+            world = world_named(env, faults, appearance)
             part, chosen = shard_named(shard, out), chosen_seeds(seeds, episodes, 1)
             from limberjack.episodes.running import Run
             from limberjack.workers import shard_of
@@ -92,6 +99,7 @@ def _solve(
                 scale=scale_of(progress, workers, ray, threads, any_processor),
                 shard=part,
                 actor=explaining.actor(where, time_limit, threads) if explain else None,
+                world=world,
                 command=command_line(),
             )
             explaining.run = run

@@ -9,10 +9,12 @@ from limberjack.cli.app import command
 from limberjack.cli.datasets import reading_reported
 from limberjack.cli.options import (
     EnvironmentName,
+    Faults,
     OptionalDomain,
     RequiredOut,
     TaskName,
     named_environment,
+    world_named,
 )
 from limberjack.cli.output import complain, failures_reported, misuse_reported, remarks_reported
 from limberjack.cli.process import command_line
@@ -48,6 +50,7 @@ _Config = Annotated[
 @command(
     "train",
     "limberjack train cartpole swingup --out cartpole",
+    "limberjack train walker walk --faults easy --out faulty",
     "limberjack train --env my_tasks:make --config mine.toml --out mine",
 )
 def _train(
@@ -59,6 +62,7 @@ def _train(
     steps: _Steps = None,
     seed: _Seed = 0,
     config: _Config = None,
+    faults: Faults = None,
 ) -> None:
     """Train a policy with CrossQ, and write it to DIR/policy.safetensors.
 
@@ -69,6 +73,7 @@ def _train(
     """
     with misuse_reported():
         where = named_environment(domain, task, env)
+        world = world_named(env, faults)
         settings = _settings(config)
     with (
         reading_reported("train"),
@@ -86,6 +91,7 @@ def _train(
             settings=settings,
             on_progress=progress.show,
             command=command_line(),
+            world=world,
         )
     _print(run)
 

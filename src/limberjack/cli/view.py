@@ -42,6 +42,11 @@ if TYPE_CHECKING:
 
 __all__: list[str] = []
 
+_OF_APPEARANCE = (
+    "of the appearance, the viewer shows colours, background and the model's cameras as at the "
+    "start of each episode; select a camera with [ and ], since the viewer's own has no look"
+)
+
 
 @command(
     "view",
@@ -109,6 +114,8 @@ def _view(
         worded = _command_line((domain, task), named, time_limit, explain)
         show = _find_viewer(native, host, port, allow_host or [], factory.title, plans, worded)
         environment = _viewable(factory.make(seed))
+        if appearance is not None:
+            complain(_OF_APPEARANCE)
         with remarks_reported():
             names = [*(policy or [NO_POLICY]), *([PLANNER] if explain else [])]
             for name in names:

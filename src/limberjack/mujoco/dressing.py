@@ -5,12 +5,14 @@
     dress(look, scene, contents)                        # colours, and the camera's pose
     stage = staged(look, model, data)                   # the model whose textures are drawn
     picture = behind(look, picture, time)               # a video in place of green pixels
+    model = dressed(look, model, data)                  # for a viewer that draws a model by itself
 
 Neither the model nor the data changes: simulations share the model, and tasks measure the data.
 Textures belong to OpenGL, which takes them from a model, so those that differ are in a `stage`, a
 copy of the model with small textures. The appearance is described in `limberjack.worlds`.
 """
 
+import copy
 import weakref
 from collections.abc import Mapping
 
@@ -28,7 +30,7 @@ from limberjack.worlds.appearance.colors import GREEN, repainted_floor, repainte
 from limberjack.worlds.appearance.looks import Look
 from limberjack.worlds.appearance.viewpoint import Pose, Sphere, distracted, sphere_of, turned
 
-__all__ = ["behind", "dress", "flags_for", "look_of", "materials", "staged"]
+__all__ = ["behind", "dress", "dressed", "flags_for", "look_of", "staged"]
 
 _SKY = mujoco.mjtTexture.mjTEXTURE_SKYBOX.value
 _FLAT = mujoco.mjtTexture.mjTEXTURE_2D.value
@@ -95,6 +97,38 @@ def staged(look: Look, model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjM
     stage.paint(textures)
     stage.follow(model)
     return stage.model
+
+
+def dressed(look: Look, model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjModel:
+    """A copy of the model in the look of this moment, for a viewer that draws a model by itself.
+
+    It has the colours, the textures and the poses of the model's cameras. A background in the
+    finished picture is on the sky, and the floor that it would cover is not there.
+    """
+    textures, sky = dict(_of_palette(look, model)), _sky(model)
+    frame = look.background(data.time)
+    if frame is not None and sky is not None:
+        textures[sky] = frame
+    made = with_textures(model, textures) if textures else copy.copy(model)
+    made.mat_rgba[:] = _materials(look, model, data.time)
+    floor, options = _material(model, _FLOOR), look.options
+    if options.place == "picture" and options.floor is not None and floor >= 0:
+        made.mat_rgba[floor, 3] = options.floor
+    for number in range(model.ncam):
+        _place(made, data, number, _aimed(look, _pose_in(data, number), model, data, number))
+    return made
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData, number: int, pose: Pose) -> None:
+    """Gives a camera of a model a pose in the world, which it then keeps in its own mode."""
+    body = model.cam_bodyid[number]
+    axes = data.xmat[body].reshape(3, 3)
+    offset = pose.position - data.xpos[body]
+    model.cam_pos[number] = axes.T @ offset
+    mujoco.mju_mat2Quat(model.cam_quat[number], np.ravel(axes.T @ pose.axes))
+    # Of cameras that follow a body without turning with it.
+    model.cam_pos0[number], model.cam_mat0[number] = offset, np.ravel(pose.axes)
+    model.cam_poscom0[number] = pose.position - data.subtree_com[body]
 
 
 class _Stage:
@@ -164,7 +198,7 @@ def _of_palette(look: Look, model: mujoco.MjModel) -> dict[int, np.ndarray]:
 
 def _color(look: Look, scene: MjvScene, model: mujoco.MjModel, time: float) -> None:
     """Colours the geoms whose colour is that of their material."""
-    wanted = materials(look, model, time)
+    wanted = _materials(look, model, time)
     changed = (wanted != model.mat_rgba).any(axis=-1)
     for geom in scene.geoms if changed.any() else ():
         number = geom.matid
@@ -173,7 +207,7 @@ def _color(look: Look, scene: MjvScene, model: mujoco.MjModel, time: float) -> N
             geom.rgba[:] = wanted[number]
 
 
-def materials(look: Look, model: mujoco.MjModel, time: float) -> np.ndarray:
+def _materials(look: Look, model: mujoco.MjModel, time: float) -> np.ndarray:
     """Colours and opacities of the model's materials with a look, (n, 4), 0 to 1."""
     wanted = model.mat_rgba.copy()
     colors = look.colors(wanted[:, :3].astype(float), time)
@@ -211,15 +245,11 @@ def _aim(
     view: mujoco.MjvCamera,
 ) -> None:
     """Moves and turns the camera of the scene, which has an eye on the left and on the right."""
-    turns = look.turns(model.names.split(b"\0", 1)[0].decode())
-    if look.options.camera is None and not turns:
+    options = look.options
+    if options.camera is None and options.shift is None and options.rotate is None:
         return
     eyes = scene.camera
-    pose = _pose(scene, data, view.fixedcamid)
-    if look.options.camera is not None:
-        pose = _moved(look, pose, model, data, view)
-    for turn in turns:
-        pose = turned(pose, turn)
+    pose = _aimed(look, _pose(scene, data, view.fixedcamid), model, data, view.fixedcamid)
     apart = model.vis.global_.ipd / 2 * pose.axes[:, 0]
     for eye, side in zip(eyes, (-apart, apart), strict=True):
         eye.pos[:], eye.forward[:], eye.up[:] = (
@@ -229,14 +259,28 @@ def _aim(
         )
 
 
+def _aimed(look: Look, pose: Pose, model: mujoco.MjModel, data: mujoco.MjData, number: int) -> Pose:
+    """The pose of a camera with a look, from that without one."""
+    if look.options.camera is not None:
+        pose = _moved(look, pose, model, data, number)
+    for turn in look.turns(model.names.split(b"\0", 1)[0].decode()):
+        pose = turned(pose, turn)
+    return pose
+
+
 def _pose(scene: MjvScene, data: mujoco.MjData, number: int) -> Pose:
     """The pose of a camera; only the scene knows that of the free one."""
     if number >= 0:
-        return Pose(data.cam_xpos[number].copy(), data.cam_xmat[number].reshape(3, 3).copy())
+        return _pose_in(data, number)
     eyes = scene.camera
     position = np.mean([eye.pos for eye in eyes], axis=0, dtype=float)
     forward, up = (np.asarray(part, float) for part in (eyes[0].forward, eyes[0].up))
     return Pose(position, np.stack([np.cross(forward, up), up, -forward], axis=-1))
+
+
+def _pose_in(data: mujoco.MjData, number: int) -> Pose:
+    """The pose of a model's camera."""
+    return Pose(data.cam_xpos[number].copy(), data.cam_xmat[number].reshape(3, 3).copy())
 
 
 def _moved(
@@ -244,10 +288,9 @@ def _moved(
     pose: Pose,
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    view: mujoco.MjvCamera,
+    number: int,
 ) -> Pose:
     """The pose of a camera on its sphere, around the world's origin or the body that it follows."""
-    number = view.fixedcamid
     body = min(1, model.nbody - 1)  # of the first tree, as in DCS
     is_fixed = number < 0 or model.cam_bodyid[number] == 0
     centre = np.zeros(3) if is_fixed else data.subtree_com[body]

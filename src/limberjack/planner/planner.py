@@ -16,6 +16,8 @@ what a planner of MuJoCo MPC does in three steps:
    The next planning step starts from that plan, shifted by the elapsed time.
 
 The planner reads the environment's simulator state, not its observations, and never writes to it.
+It knows nothing of the environment's `faults`: it plans as if its actions arrived at once and
+unchanged, with the task's own model where a perturbation has changed the environment's.
 The same seed gives the same actions for any number of threads, unless a time budget is given.
 """
 
@@ -25,6 +27,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.simulation import model_fields, without_calls
 from limberjack.planner.control_law import ControlLaw
 from limberjack.planner.cost import Cost, CostFunction, FunctionCost, cost_for, name_of
@@ -93,12 +96,13 @@ class Planner:
             cost = FunctionCost(cost)
         self._cost = cost_for(env.task) if cost is None else cost
         self._settings = settings = self._cost.settings if settings is None else settings
-        self._law = self._follower = ControlLaw(env.physics.model._model, settings)
+        physics = _nominal_physics(env)
+        self._law = self._follower = ControlLaw(physics.model._model, settings)
         self._budget = Budget(max_ms, settings.samples)
         # The current state, with the environment's own motors for costs that simulate themselves.
-        self._now = planning_model_of(env.physics, settings)
+        self._now = planning_model_of(physics, settings)
         self._plan_costs = PlanCosts(self._cost, self._now)
-        rolled_out = planning_model_of(env.physics, settings)
+        rolled_out = planning_model_of(physics, settings)
         if settings.servos:
             self._follower = Servos(rolled_out.model.ptr, self._law)
         if settings.sleep:
@@ -109,7 +113,7 @@ class Planner:
         iterations = settings.optimiser.iterations
         states = -(-self._steps // settings.cost_interval)
         threads = usable_cores() if num_threads is None else num_threads
-        self._fields = tuple(model_fields(env.snapshot().physics))
+        self._fields = _fields_of_episodes(env)
         self._rollouts = {
             size: Rollouts(rolled_out, size, threads, self._fields, states)
             for size in {max(2, all_ // iterations) for all_ in self._budget.sizes}
@@ -183,6 +187,8 @@ class Planner:
         """Updates the cost in the environment's state; returns that state, to be loaded."""
         # The call that led to the state has other time steps here.
         saved = without_calls(self._env.physics.simulation.save(None, self._fields))
+        if self._env._faults is not None:
+            saved = self._env._faults.unperturbed(saved)
         self._now.simulation.load(saved)
         self._cost.update(self._now)
         return saved
@@ -303,6 +309,23 @@ class Planner:
             costs = self._plan_costs.of(rollouts, diverged)
         self._best = rollouts, int(np.argmin(costs))
         return costs
+
+
+def _nominal_physics(env: control.Environment) -> Physics:
+    """The environment's physics; with perturbations a copy that has the task's own model."""
+    faults = env._faults
+    if faults is None or not faults.nominal:
+        return env.physics
+    physics = env.physics.copy()
+    physics.simulation.set_fields(faults.nominal)
+    return physics
+
+
+def _fields_of_episodes(env: control.Environment) -> tuple[str, ...]:
+    """Names of the model fields that starts set, without those that only a perturbation sets."""
+    own = getattr(env.task, "EPISODE_FIELDS", ())
+    only_perturbed = {*env._faults.fields} - {*own} if env._faults is not None else set()
+    return tuple(n for n in model_fields(env.snapshot().physics) if n not in only_perturbed)
 
 
 def _name_of(stage: object) -> str:

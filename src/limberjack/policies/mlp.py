@@ -48,6 +48,7 @@ import numpy.typing as npt
 
 from limberjack.policies.kinds import PolicyError
 from limberjack.utils.files import open_regular, replacing
+from limberjack.worlds import OPTIONS, World
 
 __all__ = [
     "ACTIVATIONS",
@@ -144,6 +145,7 @@ class Card:
         reset of the environment with seed 0; empty if that is not known.
       licence: of the weights; empty if there is no statement.
       scores: returns on seeds that training has not seen; None if that is not known.
+      world: of the training, such as its faults (`limberjack.worlds`); None for the task's own.
     """
 
     layout: Layout
@@ -166,6 +168,7 @@ class Card:
     fingerprint: str = ""
     licence: str = ""
     scores: Scores | None = None
+    world: World | None = None
 
     @property
     def title(self) -> str:
@@ -179,7 +182,9 @@ class Card:
 
     def as_json(self) -> dict[str, object]:
         """The card as values of JSON."""
-        return {"format": _FORMAT, **dataclasses.asdict(self)}
+        content = {"format": _FORMAT, **dataclasses.asdict(self)}
+        # Without an entry for the task's own world, as before there were others.
+        return {name: value for name, value in content.items() if name != "world" or value}
 
     def as_text(self) -> str:
         """The card as one line of JSON; equal cards give equal texts."""
@@ -210,8 +215,8 @@ class Card:
                 "read it"
             )
         given = {name: value for name, value in content.items() if name != "format"}
-        if given.keys() != _READERS.keys():
-            other = sorted(given.keys() ^ _READERS.keys())
+        other = sorted((given.keys() | {"world"}) ^ _READERS.keys())
+        if other:
             raise ValueError(f"its card's entries {_shown(other)} are missing or unknown")
         card = cls(**{name: _entry(name, value) for name, value in given.items()})
         _check(card)
@@ -596,6 +601,12 @@ def _scores(value: object) -> Scores:
     return Scores(_number(value["mean"]), interval, seeds)
 
 
+def _world(value: object) -> World:
+    if not isinstance(value, dict) or not value or value.keys() - OPTIONS:
+        raise TypeError
+    return value
+
+
 _Read = Callable[[object], Any]  # Any: the field's type
 
 
@@ -624,4 +635,5 @@ _READERS: Mapping[str, _Read] = {
     "fingerprint": _text,
     "licence": _text,
     "scores": _or_none(_scores),
+    "world": _or_none(_world),
 }

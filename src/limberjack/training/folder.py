@@ -118,7 +118,8 @@ def _check(path: Path, identity: Facts) -> None:
         return
     try:
         found = json.loads(read_regular(path))
-        kept = {name: found[name] for name in identity}
+        # Runs that began before there were worlds lack the entry.
+        kept = {name: {"world": None, **found}[name] for name in identity}
     except (ValueError, KeyError, TypeError):
         raise ValueError(f"{path} is damaged: choose another folder") from None
     difference = first_difference(identity, kept)

@@ -38,6 +38,7 @@ from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import WorkError
 from limberjack.workers.factories import Factory, Make, factory_of
+from limberjack.worlds import World
 
 __all__ = ["Evaluation", "Run", "TrainingError", "train"]
 
@@ -115,6 +116,7 @@ def train(
     settings: Settings | None = None,
     on_progress: _OnProgress | None = None,
     command: str = "",
+    world: World | None = None,
 ) -> Run:
     """Trains a policy with CrossQ, or continues a run that was killed, or reports a finished one.
 
@@ -131,6 +133,8 @@ def train(
       on_progress: called before each step with the control steps so far, those of the run, and the
         mean of the last evaluation.
       command: that trains, for the policy's card.
+      world: options such as {'faults': 'easy'}, in which episodes of training and of evaluations
+        are played; None with a function, which sets them itself.
 
     Raises:
       ImportError: a package of the extra `train` is missing.
@@ -152,7 +156,7 @@ def train(
     began = time.process_time()
     if not (Path(out) / POLICY).exists():  # a finished run is reported without the packages
         importlib.import_module("limberjack.training.learner")
-    factory = factory_of(domain, task, settings.time_limit)
+    factory = factory_of(domain, task, settings.time_limit, world)
     identity = _identified(factory, settings, seed)
     more = {"command": command, "versions": versions()}
     with contextlib.ExitStack() as stack:
@@ -195,6 +199,7 @@ def _identified(factory: Factory, settings: Settings, seed: int) -> Facts:
         "fingerprint": fingerprint(inside(environment).physics.model._model),
         "algorithm": "CrossQ",
         "seed": seed,
+        "world": inside(environment).world,
         "settings": dataclasses.asdict(settings),
     }
 
@@ -267,6 +272,7 @@ class _Training:
             steps=self._control_steps,
             versions=self._facts["versions"],
             fingerprint=self._facts["fingerprint"],
+            world=self._facts["world"],
         )
         try:
             return mlp.Mlp(self._learner.layers(), card)

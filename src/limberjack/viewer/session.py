@@ -22,13 +22,14 @@ import dm_env
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.dressing import look_of, materials
+from limberjack.mujoco.dressing import dressed, look_of
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
+from limberjack.worlds.appearance.looks import Look
 
 __all__ = [
     "NO_POLICY",
@@ -355,6 +356,11 @@ class Session:
         return self._environment.physics.model._model
 
     @property
+    def _look(self) -> Look | None:
+        """The appearance of the episode; None for that of the model."""
+        return look_of(self._environment.physics)
+
+    @property
     def data(self) -> mujoco.MjData:
         """The `mujoco.MjData` of the simulation.
 
@@ -374,27 +380,33 @@ class Session:
 
     @property
     def model_version(self) -> int:
-        """A number that grows when an episode begins with another model than the one before."""
+        """A number that grows when an episode begins with another model or look than before."""
         return self._model_version
 
     def copy_model(self) -> mujoco.MjModel:
-        """A copy of the model, for the viewer to keep."""
-        return copy.copy(self.model)
+        """A copy of the model, for the viewer to keep, in the look of this moment."""
+        look = self._look
+        return copy.copy(self.model) if look is None else dressed(look, self.model, self.data)
 
-    def copy_fields(self, model: mujoco.MjModel) -> None:
-        """Writes the fields that an episode has changed into a viewer's copy of the model."""
+    def copy_fields(self, model: mujoco.MjModel) -> list[str]:
+        """Writes the fields that an episode has changed into a viewer's copy; returns their names.
+
+        Args:
+          model: of `copy_model`.
+        """
         if self._copied_version == (id(model), self._model_version):
-            return
-        for name in dir(self.model):
-            mine = getattr(self.model, name)
+            return []
+        now, changed = self.model if self._look is None else self.copy_model(), []
+        for name in dir(now):
+            mine = getattr(now, name)
             if isinstance(mine, np.ndarray) and not np.array_equal(getattr(model, name), mine):
                 getattr(model, name)[...] = mine
+                changed.append(name)
         self._copied_version = id(model), self._model_version
+        return changed
 
     def copy_state(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Writes the state into a viewer's data, without the pushes, which are the viewer's own.
-
-        The viewer's model gets the colours of an appearance; cameras and backgrounds are its own.
 
         Args:
           model: of `copy_model`.
@@ -404,9 +416,6 @@ class Session:
         mujoco.mj_getState(self.model, self.data, state, _SHOWN)
         mujoco.mj_setState(model, data, state, _SHOWN)
         data.xfrc_applied[:] = 0.0
-        look = look_of(self._environment.physics)
-        if look is not None:
-            model.mat_rgba[:] = materials(look, self.model, self.data.time)
 
     def status(self) -> Status:
         """The running episode's status now."""
@@ -487,12 +496,12 @@ class Session:
         self._note, self._ending = self._ending, ""
 
     def _note_model(self) -> None:
-        """Notices whether the start has changed the model, by its bytes."""
+        """Notices whether the start has changed the model, by its bytes, or its look."""
         model = self.model
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
         digest = zlib.crc32(content.data)
-        self._model_version += digest != self._digest
+        self._model_version += digest != self._digest or self._look is not None
         self._digest = digest
 
     def _apply_push(self) -> None:

@@ -56,11 +56,13 @@ def run(session: Session) -> None:
                 _do(session, keys.get())
             session.advance()
             with window.lock():
-                session.copy_fields(model)
+                changed = session.copy_fields(model)
                 session.copy_state(model, data)
                 mujoco.mj_forward(model, data)
                 mujoco.mjv_applyPerturbForce(model, data, window.perturb)
                 session.push(data.xfrc_applied)
+            for texture in range(model.ntex) if "tex_data" in changed else ():
+                window.update_texture(texture)
             window.set_texts(_text(session.status()))
             window.sync()
             time.sleep(max(0.0, begun + _FRAME - time.perf_counter()))

@@ -86,6 +86,25 @@ def test_fields_are_those_of_the_value() -> None:
         assert perturber.fields_of(value)["field"] == value
 
 
+def test_an_episode_without_its_perturbation_has_the_tasks_model_and_its_start() -> None:
+    longer = {"parameter": "lower_arm_length", "lowest": 0.2, "highest": 0.24, "start": 0.22}
+    env: Any = suite.load(
+        "manipulator", "bring_ball", {"random": 0}, faults={"perturbation": longer}
+    )
+    own = suite.load("manipulator", "bring_ball", {"random": 0}).physics.model.body_pos.copy()
+    env.reset()
+    model = env.physics.model
+    found = env._faults.unperturbed({"body_pos": model.body_pos[None], "time": np.ones(1)})
+    target, hand = (model.name2id(name, "body") for name in ("target_ball", "hand"))
+    assert (found["body_pos"][0, target] == model.body_pos[target]).all()
+    assert (model.body_pos[hand] != own[hand]).any()
+    own[target] = model.body_pos[target]
+    np.testing.assert_array_equal(found["body_pos"][0], own)
+    assert found["time"] == 1
+    plain: Any = suite.load("reacher", "easy", faults="easy")
+    assert (plain._faults.nominal, plain._faults.unperturbed({"a": own})["a"] is own) == ({}, True)
+
+
 def test_a_challenge_that_does_not_perturb_a_task_leaves_it() -> None:
     assert Perturber.of(Perturbation(preset="hard"), _PARAMETERS, "Task", _Recompiler) is None
     world: Any = suite.load("reacher", "easy", faults="easy").world

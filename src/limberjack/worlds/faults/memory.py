@@ -160,6 +160,27 @@ class FaultMemory:
             values["parameter"][row], values["falls"][row] = value, falls
         return perturber.fields_of(float(values["parameter"][row]))
 
+    @property
+    def nominal(self) -> dict[str, np.ndarray]:
+        """The model fields that a perturbation sets, as the task's own model has them, by name."""
+        return {} if self._perturber is None else self._perturber.nominal
+
+    def unperturbed(self, fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Model fields of row 0's episode without the perturbation; what the start has set stays.
+
+        Args:
+          fields: of the episode, by name; those that no perturbation sets are returned unchanged.
+        """
+        nominal = {name: self.nominal[name] for name in fields if name in self.nominal}
+        if self._perturber is None or not nominal:
+            return dict(fields)
+        perturbed = self._perturber.fields_of(float(self.values["parameter"][0]))
+        own = {
+            name: np.where(fields[name] == perturbed[name], value, fields[name])
+            for name, value in nominal.items()
+        }
+        return {**fields, **own}
+
     def drawn(self, rows: int | np.ndarray) -> dict[str, np.ndarray]:
         """The values of the perturbed parameter, by its name."""
         if self._perturber is None:

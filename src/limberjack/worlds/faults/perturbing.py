@@ -93,6 +93,11 @@ class Perturber:
             )
         self._known: dict[float, dict[str, np.ndarray]] = {}
 
+    @functools.cached_property
+    def nominal(self) -> dict[str, np.ndarray]:
+        """The model fields as the task's own model has them, by name."""
+        return self._recompiler.fields(lambda root: None, self.fields)
+
     @classmethod
     def of(
         cls,
