@@ -46,6 +46,7 @@ _PARTS = {
     "scaling.json": ("episodes", "evaluation", "policies", "workers", *_SIMULATED),
     "steps_per_second.json": ("gym", *_SIMULATED),
     "suite_speed.json": _SIMULATED,
+    "threads.json": ("bench", "gym", "policies", "training", *_SIMULATED),
     "writing.json": ("episodes", "workers"),
 }
 

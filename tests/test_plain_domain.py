@@ -82,17 +82,17 @@ def test_episodes_that_are_too_short_to_measure_are_refused() -> None:
         return plain_domain.push(0.1, seed)
 
     with pytest.raises(ValueError, match="has episodes of 5 steps; expected at least 16"):
-        bench.measure(short, num_envs=2, num_threads=1, seconds=0.01)
+        bench.measure(short, num_envs=2, num_threads=[1], seconds=0.01)
 
 
 def test_a_bench_of_a_function_says_which_it_was() -> None:
-    result = bench.measure(plain_domain.make, num_envs=2, num_threads=1, seconds=0.01)
+    result = bench.measure(plain_domain.make, num_envs=2, num_threads=[1], seconds=0.01)
     assert result.facts["environment"] == "tests.plain_domain:make"
     assert result.facts["environment_sha256"] is not None
 
 
 def test_a_batch_of_one_row_can_be_measured() -> None:
-    result = bench.measure("stacker", "stack_2", num_envs=1, num_threads=1, seconds=0.01)
+    result = bench.measure("stacker", "stack_2", num_envs=1, num_threads=[1], seconds=0.01)
     assert result.facts == {"domain": "stacker", "task": "stack_2"}
     assert all(speed.steps_per_second > 0 for speed in result.speeds)
 
@@ -103,8 +103,8 @@ def test_episodes_that_the_task_ends_early_can_be_measured() -> None:
         environment._task = _Ending(seed)
         return environment
 
-    result = bench.measure(falling, num_envs=8, num_threads=1, seconds=0.01)
-    assert result.recommended_threads == 1
+    result = bench.measure(falling, num_envs=8, num_threads=[1], seconds=0.01)
+    assert result.recommended_threads == {"step": 1, "inference": 1}
 
 
 class _Ending(plain_domain.Push):

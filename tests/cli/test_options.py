@@ -30,7 +30,7 @@ from . import environments
 
 # Options of one name that differ between commands, and why.
 _DIFFERENT = {
-    ("bench", "--threads"): "the most of several numbers that it measures",
+    ("bench", "--threads"): "several numbers, each of which it measures",
     ("bench", "--seconds"): "of a measurement; those of record are simulated",
     ("evaluate", "--policy"): "is given once for each run with --set",
     ("convert", "--out"): "a folder of Minari's, which holds many datasets",

@@ -48,13 +48,13 @@ _FLOORS = {
     "limberjack.workers": 9,
     "limberjack.data": 10,
     "limberjack.episodes": 10,
-    "limberjack.bench": 11,
     "limberjack.evaluation": 11,
     "limberjack.gallery": 11,
     "limberjack.training": 11,
-    "limberjack.doctor": 12,
-    "limberjack.cli": 13,
-    "limberjack.__main__": 14,
+    "limberjack.bench": 12,
+    "limberjack.doctor": 13,
+    "limberjack.cli": 14,
+    "limberjack.__main__": 15,
 }
 # Rooms of several names; each other name is a room by itself.
 _ROOMS = {
@@ -72,6 +72,7 @@ _EVERYWHERE = {"dm_env", "mujoco", "numpy"}
 _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "dm_control": "limberjack.doctor.probes",
     "PIL": "limberjack.worlds.appearance.media",
+    "envpool": "limberjack.bench.columns",  # which is stepped beside this package
     "flax": "limberjack.training.learner",
     "fsspec": "limberjack.episodes.remote",
     "gymnasium": ("limberjack.gym", "limberjack.gpu.vector"),  # each has a class of its own for it

@@ -1,7 +1,9 @@
 """`limberjack bench`: the speed of a task on this machine."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
 
+import rich.table
 import typer
 
 from limberjack.cli.app import command
@@ -24,7 +26,8 @@ _LABELS = {
 @command(
     "bench",
     "limberjack bench humanoid walk",
-    "limberjack bench stacker/stack_2 --num-envs 1024",
+    "limberjack bench stacker/stack_2 --num-envs 1024 --threads 1,2,4,8",
+    "limberjack bench walker walk --num-envs 16 --columns step,inference,training",
     "limberjack bench humanoid walk --num-envs 4096 --device cuda:0",
 )
 def _bench(
@@ -34,11 +37,21 @@ def _bench(
         int, typer.Option(metavar="N", min=1, help="Environments in the batch.")
     ] = 256,
     threads: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="The most to try; by default the usable cores."),
+        str | None,
+        typer.Option(
+            metavar="N,N", help="Numbers of threads to try; by default 1, 2, 4 ... usable cores."
+        ),
     ] = None,
+    columns: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="What to measure, of step, inference (with a policy's forward pass), and "
+            "training (with the learner of `limberjack train`).",
+        ),
+    ] = "step,inference",
     seconds: Annotated[
-        float, typer.Option(metavar="X", help="Approximate time for each of the two comparisons.")
+        float, typer.Option(metavar="X", help="Approximate time for each comparison.")
     ] = 3.0,
     device: Annotated[
         str | None, typer.Option(help="Measure MuJoCo Warp on it instead, such as cuda:0.")
@@ -46,9 +59,10 @@ def _bench(
 ) -> None:
     """Measure how fast a batch of a task steps on this machine, and with how many threads.
 
-    The first comparison gives the same random actions, in turns, to MuJoCo alone, to a
-    BatchEnvironment and to a Gymnasium VectorEnv, so it shows what the environments add to the
-    simulation. The second one steps the VectorEnv with 1, 2, 4 ... threads.
+    The first table gives the same random actions, in turns, to MuJoCo alone, to a BatchEnvironment
+    and to a Gymnasium VectorEnv, so it shows what the environments add to the simulation. The
+    second one has steps per second of the VectorEnv by number of threads, alone, with a policy and
+    with learning, beside EnvPool where it is installed. One action is one step in all of them.
     """
     if device is not None:
         _bench_on_device(*named_task(domain, task), num_envs, device, seconds)
@@ -59,8 +73,9 @@ def _bench(
         result = bench.measure(
             *named_task(domain, task),
             num_envs,
-            threads,
+            _numbers(threads),
             seconds,
+            [name.strip() for name in columns.split(",")],
             on_progress=lambda part, share: show(part, share, 1.0),
         )
     _print(result, num_envs)
@@ -92,8 +107,6 @@ def _bench_on_device(
 
 
 def _print(result: "Result", num_envs: int) -> None:
-    from limberjack import bench
-
     typer.echo(
         f"{' '.join(map(str, result.facts.values()))}: {num_envs} environments, random actions. "
         "A step is one action of one environment; steps/s counts all environments.\n"
@@ -107,20 +120,48 @@ def _print(result: "Result", num_envs: int) -> None:
             f"{speed.ratio:.2f} x",
             "MuJoCo alone, same steps",
         )
-    rows.add_section()
-    for speed in result.sweep:
-        rows.add_row(
-            _LABELS[speed.what],
-            str(speed.num_threads),
-            f"{speed.steps_per_second:,.0f}",
-            f"{speed.ratio:.2f} x",
-            f"the same with {result.sweep[0].num_threads} thread",
-        )
     console().print(rows)
-    typer.echo(
-        "\nSpeeds are medians over many turns, so they may differ slightly from ratios of steps/s."
-    )
-    typer.echo(
-        f"Recommended: num_threads={result.recommended_threads} for {num_envs} environments, the "
-        f"fewest that reach {bench.NEARLY_BEST:.0%} of the highest speed"
+    for column, why in result.missing.items():
+        complain(f"{column} is not measured: {why}")
+    if result.recommended_threads:
+        typer.echo("\nSteps/s by number of threads:\n")
+        console().print(_by_threads(result))
+        typer.echo(f"\n{_advice(result.recommended_threads, num_envs)}")
+
+
+def _numbers(threads: str | None) -> list[int] | None:
+    """The numbers of --threads; raises ValueError if one is none."""
+    if threads is None:
+        return None
+    try:
+        return [int(number) for number in threads.split(",")]
+    except ValueError:
+        raise ValueError(f"--threads is {threads!r}; expected numbers, such as 1,2,4") from None
+
+
+def _by_threads(result: "Result") -> rich.table.Table:
+    columns = list(result.recommended_threads)
+    rows = table("", "threads>", *(f"{name}>" for name in columns), "p95 of a step>", "memory>")
+    for row in result.rows:
+        speeds = [
+            f"{row.cells[name].steps_per_second:,.0f}" if name in row.cells else ""
+            for name in columns
+        ]
+        first = row.cells[columns[0]]
+        memory = "" if row.megabytes is None else f"{row.megabytes:,.0f} MB"
+        rows.add_row(
+            row.what, str(row.num_threads), *speeds, f"{1e3 * first.seconds_95:.1f} ms", memory
+        )
+    return rows
+
+
+def _advice(threads: Mapping[str, int], num_envs: int) -> str:
+    """The recommended numbers of threads, as a sentence."""
+    from limberjack import bench
+
+    numbers = set(threads.values())
+    each = ", ".join(f"{count} ({column})" for column, count in threads.items())
+    return (
+        f"Recommended: num_threads={numbers.pop() if len(numbers) == 1 else each} for {num_envs} "
+        f"environments, the fewest that reach {bench.NEARLY_BEST:.0%} of the highest speed"
     )

@@ -100,15 +100,19 @@ class Learner:
         Args:
           before_step: called before all rows take a step, when the state is complete.
         """
-        self._step(0)  # begins episodes, unless they go on
+        self._take(0)  # begins episodes, unless they go on
         while self.actions_taken < _actions(self._settings):
             before_step()
-            self._add_to_average()
-            done = self.actions_taken / _actions(self._settings)
-            self._noise.std = self._settings.noise * max(0.0, 1 - done / _NOISY)
-            self._step(self._envs.num_envs)
+            self.step()
 
-    def _step(self, actions: int) -> None:
+    def step(self) -> None:
+        """Takes one action in each row, and learns from them; begins episodes if none has begun."""
+        self._add_to_average()
+        done = self.actions_taken / _actions(self._settings)
+        self._noise.std = self._settings.noise * max(0.0, 1 - done / _NOISY)
+        self._take(self._envs.num_envs)
+
+    def _take(self, actions: int) -> None:
         """Takes so many actions over all rows, and learns from them."""
         self._model.learn(actions, log_interval=None, reset_num_timesteps=False)
 

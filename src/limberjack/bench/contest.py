@@ -1,24 +1,15 @@
-"""The speed of a task on this machine: of the physics alone, a batch, a Gymnasium environment.
+"""`Contest`: one task stepped in three ways; `take_turns`: what is compared, in short turns.
 
-    result = bench.measure("humanoid", "walk", num_envs=256)
-    result = bench.measure(my_package.make)         # make(seed) -> Environment
-    for speed in (*result.speeds, *result.sweep):
-        print(speed.what, speed.num_threads, speed.steps_per_second)
-    print(result.recommended_threads)
-
-All of them do the same steps, in turns: a block each within the same fraction of a second, so that
-other load on the machine slows all alike. A step is one action of one environment. Starts of
-episodes are not measured: they take at most 2 % of an episode. If a task ends some episodes early,
-the starts after those count towards the batch and the vector environment.
+with Contest("humanoid", "walk", num_envs=256, num_threads=2) as contest:
+    players = {"physics": contest.physics, "batch": contest.batch}
+    seconds = take_turns(players, contest.actions, 3.0, episode=contest.episode)
 """
 
-import dataclasses
 import math
-import statistics
 import time
 from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from dm_env import specs
@@ -27,30 +18,27 @@ from limberjack.gym.vector import VectorEnv
 from limberjack.mujoco import row_fields
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
-from limberjack.rl.guards import at_least_one
 from limberjack.suite import base
-from limberjack.utils import cores
 from limberjack.workers.factories import Factory, Make, factory_of
 
 if TYPE_CHECKING:
     from mujoco.batch import Batch
 
 __all__ = [
-    "NEARLY_BEST",
+    "SEED",
     "Contest",
     "Player",
-    "Result",
-    "Speed",
-    "measure",
+    "batch_of_task",
     "player",
+    "random_actions",
     "take_turns",
+    "vector_env",
 ]
 
 # Takes a block of actions, (steps, num_envs, nu), and returns the seconds that its steps took.
 Player = Callable[[np.ndarray], float]
 
-# Called with what is being measured, and the share of all that is done, from 0 to 1.
-_OnProgress = Callable[[str, float], object]
+_Name = TypeVar("_Name")  # of a player
 
 _ROWS_PER_BLOCK = 1024  # steps of a block times rows: about a twentieth of a second
 _WARM_UP_STEPS = 20  # not measured, because the humanoid falls
@@ -58,126 +46,7 @@ _MIN_ROUNDS = 8
 _EPISODE = 1_000  # most steps to measure: those of an episode of the suite
 _SHORTEST = 2 * _MIN_ROUNDS  # steps that an episode must have to be measured
 _WARM_UP_SHARE = 0.1  # of an episode, at most
-_SEED = 0
-
-NEARLY_BEST = 0.95  # share of the highest speed; threads beyond it are better used elsewhere
-
-
-@dataclasses.dataclass(frozen=True)
-class Speed:
-    """The speed of one contestant."""
-
-    what: str  # 'physics', 'batch' or 'vector'
-    num_envs: int
-    num_threads: int
-    steps_per_second: float  # of all rows together
-    # Relative to the first of the same list, which did the same steps in turns with it.
-    ratio: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Result:
-    """The result of `measure`.
-
-    Attributes:
-      facts: what identifies the task; see `workers.factories.Factory`.
-      speeds: of 'physics', 'batch' and 'vector' with equally many threads, relative to 'physics'.
-      sweep: of 'vector' with 1, 2, 4 ... threads, relative to one thread.
-      recommended_threads: the fewest threads that reach `NEARLY_BEST` of the highest speed.
-    """
-
-    facts: Mapping[str, str | None]
-    speeds: tuple[Speed, ...]
-    sweep: tuple[Speed, ...]
-    recommended_threads: int
-
-
-def measure(
-    domain: str | Make,
-    task: str | None = None,
-    num_envs: int = 256,
-    num_threads: int | None = None,
-    seconds: float = 3.0,
-    on_progress: _OnProgress | None = None,
-) -> Result:
-    """Measures how fast a task steps.
-
-    Args:
-      domain: such as 'humanoid', or a function `make(seed) -> control.Environment`.
-      task: such as 'walk'; None with a function.
-      num_envs: number of rows.
-      num_threads: the most threads to try, by default the cores that this process may use.
-      seconds: approximate time for each of the two comparisons, without their preparation.
-      on_progress: called between blocks of steps, with what is being measured and the share of all
-        that is done.
-
-    Raises:
-      ValueError: there is no such domain or task, it cannot be played in batches, its episodes are
-        too short, or a number is out of range.
-      TypeError: the function does not make an environment.
-    """
-    num_envs = at_least_one("num_envs", num_envs)
-    most = cores.usable_cores() if num_threads is None else num_threads
-    most = min(at_least_one("num_threads", most), num_envs)
-    if not seconds > 0:
-        raise ValueError(f"seconds is {seconds!r}; expected a positive number")
-    report = on_progress or (lambda what, share: None)
-    report("preparing", 0.0)
-    with Contest(domain, task, num_envs, most) as contest:
-        players = {"physics": contest.physics, "batch": contest.batch, "vector": contest.vector}
-        taken = take_turns(
-            players,
-            contest.actions,
-            seconds,
-            episode=contest.episode,
-            on_round=lambda share: report("comparing with MuJoCo alone", share / 2),
-        )
-    speeds = [_speed(what, num_envs, most, taken[what], taken["physics"]) for what in taken]
-    report("preparing", 0.5)
-    sweep = _sweep(
-        factory_of(domain, task),
-        num_envs,
-        most,
-        seconds,
-        lambda share: report("comparing numbers of threads", 0.5 + share / 2),
-    )
-    best = max(speed.ratio for speed in sweep)
-    enough = next(s.num_threads for s in sweep if s.ratio >= NEARLY_BEST * best)
-    return Result(factory_of(domain, task).facts, tuple(speeds), tuple(sweep), enough)
-
-
-def _sweep(
-    factory: Factory,
-    num_envs: int,
-    most: int,
-    seconds: float,
-    on_round: Callable[[float], object],
-) -> list[Speed]:
-    """Speeds of the vector environment with 1, 2, 4 ... threads, and with the most allowed."""
-    counts = sorted({most, *(2**i for i in range(most.bit_length()))})
-    envs = {n: _vector(factory, num_envs, n) for n in counts}
-    for env in envs.values():
-        env.reset(seed=_SEED)
-    players = {str(n): player(env.step) for n, env in envs.items()}
-    batch = envs[counts[0]].batches[0]
-    taken = take_turns(
-        players,
-        lambda steps: _actions(batch.action_spec(), steps),
-        seconds,
-        episode=_steps(batch),
-        on_round=on_round,
-    )
-    for env in envs.values():
-        env.close()
-    return [_speed("vector", num_envs, n, taken[str(n)], taken[str(counts[0])]) for n in counts]
-
-
-def _speed(
-    what: str, num_envs: int, num_threads: int, taken: list[float], first: list[float]
-) -> Speed:
-    per_second = num_envs / statistics.median(taken)
-    ratio = statistics.median(a / b for a, b in zip(first, taken, strict=True))
-    return Speed(what, num_envs, num_threads, per_second, ratio)
+SEED = 0  # of the first row
 
 
 class Contest:
@@ -200,20 +69,20 @@ class Contest:
         factory = factory_of(domain, task)
         self._subject = factory.title
         self.num_envs = num_envs
-        self.environment = _batch(factory, num_envs, num_threads)
-        self.episode = _steps(self.environment)  # the most steps of an episode
+        self.environment = batch_of_task(factory, num_envs, num_threads)
+        self.episode = _steps_of_episode(self.environment)  # the most steps of an episode
         if self.episode < _SHORTEST:
             raise ValueError(
                 f"{self._subject} has episodes of {self.episode} steps; expected at least "
                 f"{_SHORTEST}, for a measurement in turns"
             )
-        self.vector_env = _vector(factory, num_envs, num_threads)
+        self.vector_env = vector_env(factory, num_envs, num_threads)
         self.batch: Player = player(self.environment.step)
         self.vector: Player = player(self.vector_env.step)
         self._num_substeps = self.environment._n_sub_steps
         self._bare: dict[bool, Batch] = {}
         self.environment.reset()
-        self.vector_env.reset(seed=_SEED)
+        self.vector_env.reset(seed=SEED)
         self._start: np.ndarray = _state(self.environment).copy()
         # Fields in which the rows' models differ, such as the position of a target.
         fields, of_batch = self.environment._saved_fields, self.environment.physics.simulation
@@ -260,7 +129,7 @@ class Contest:
 
     def actions(self, num_steps: int) -> np.ndarray:
         """Random actions, (num_steps, num_envs, nu)."""
-        return _actions(self.environment.action_spec(), num_steps)
+        return random_actions(self.environment.action_spec(), num_steps)
 
     def check_same_steps(self) -> None:
         """Raises RuntimeError unless all three have reached the same states.
@@ -305,14 +174,15 @@ class Contest:
 
 
 def take_turns(
-    players: Mapping[str, Player],
+    players: Mapping[_Name, Player],
     actions: Callable[[int], np.ndarray],
     seconds: float,
     min_rounds: int = _MIN_ROUNDS,
     warm_up_steps: int = _WARM_UP_STEPS,
     episode: int = _EPISODE,
+    rows_per_block: int = _ROWS_PER_BLOCK,
     on_round: Callable[[float], object] | None = None,
-) -> dict[str, list[float]]:
+) -> dict[_Name, list[float]]:
     """Seconds per step of each player in each round, within one episode.
 
     Args:
@@ -322,6 +192,7 @@ def take_turns(
       min_rounds: the fewest rounds to play.
       warm_up_steps: before the first round; fewer if episodes are short.
       episode: steps in an episode; the last one is not played.
+      rows_per_block: steps of a block times rows.
       on_round: called before each round, outside the measured time, with the share that is done.
     """
     warm_up_steps = min(warm_up_steps, int(_WARM_UP_SHARE * episode))
@@ -330,8 +201,8 @@ def take_turns(
     for play in players.values():
         play(warm_up)
     # Blocks of few rows would be longer than an episode.
-    block = max(1, min(_ROWS_PER_BLOCK // warm_up.shape[1], left // min_rounds))
-    taken: dict[str, list[float]] = {name: [] for name in players}
+    block = max(1, min(rows_per_block // warm_up.shape[1], left // min_rounds))
+    taken: dict[_Name, list[float]] = {name: [] for name in players}
     order = list(players)
     start = time.perf_counter()
     for number in range(left // block):
@@ -347,16 +218,23 @@ def take_turns(
     return taken
 
 
-def _batch(factory: Factory, num_envs: int, num_threads: int) -> BatchEnvironment:
-    environment = factory.make_plain(_SEED)
-    return BatchEnvironment.from_environment(environment, num_envs, num_threads, _SEED)
+def batch_of_task(factory: Factory, num_envs: int, num_threads: int) -> BatchEnvironment:
+    """A vectorised batch whose row i has the seed SEED + i.
+
+    Raises:
+      ValueError, TypeError: there is no such task, it is not vectorised, or a number is out of
+        range.
+    """
+    environment = factory.make_plain(SEED)
+    return BatchEnvironment.from_environment(environment, num_envs, num_threads, SEED)
 
 
-def _vector(factory: Factory, num_envs: int, num_threads: int) -> VectorEnv:
-    return VectorEnv(_batch(factory, num_envs, num_threads), flat=True, dtype="float32")
+def vector_env(factory: Factory, num_envs: int, num_threads: int) -> VectorEnv:
+    """The same batch for Gymnasium, flat and in float32."""
+    return VectorEnv(batch_of_task(factory, num_envs, num_threads), flat=True, dtype="float32")
 
 
-def _steps(batch: BatchEnvironment) -> int:
+def _steps_of_episode(batch: BatchEnvironment) -> int:
     """The most steps of an episode, or the most to measure if that is less."""
     limit = batch.step_limit
     return _EPISODE if limit >= _EPISODE else math.ceil(limit)
@@ -379,10 +257,10 @@ def _state(environment: BatchEnvironment) -> np.ndarray:
     return environment.physics.simulation.state
 
 
-_random = np.random.RandomState(_SEED)
+_random = np.random.RandomState(SEED)
 
 
-def _actions(spec: specs.BoundedArray, num_steps: int) -> np.ndarray:
+def random_actions(spec: specs.BoundedArray, num_steps: int) -> np.ndarray:
     """Random actions within the bounds, or between -1 and 1 where there are none."""
     low, high = bounds_to_try(spec)
     # Rounded to float32, the vector environment's own type.
