@@ -29,7 +29,8 @@ _WIDTH, _HEIGHT = 640, 320  # CSS pixels
 _SCALE = 0.25  # pixels that are drawn per CSS pixel
 _PANEL_WIDTH = 360  # CSS pixels of the left that the panel may cover
 _LOOKS = 5  # pictures after a double click that may come before one that shows its effect
-_DRAG = (10, 6)  # steps, and CSS pixels of each
+_DRAG = 60  # CSS pixels
+_POLL = 0.05  # seconds
 _CTRL = 2  # the DevTools protocol's number of the modifier
 _BUTTONS = {"left": 1, "right": 2}  # its numbers of buttons that are held
 _BOX, _BALL = 0, 1  # bodies in what the program writes
@@ -140,19 +141,26 @@ class _Viewed:
             assert time.monotonic() < end, f"no body is chosen after {LIMIT:g} seconds"
 
     def drag_up(self, place: tuple[int, int], button: str, until: Callable[[], bool]) -> None:
-        """Drags with Ctrl, and holds the button until that has had its effect."""
+        """Drags with Ctrl, and holds the button until that has had its effect.
+
+        Studio looks at the mouse once for each of its own frames, which are rarer than the page's
+        on a busy machine. A press and a movement between two looks are one movement; it is none if
+        the mouse was there at the look before. So the mouse moves again, after longer waits.
+        """
         x, y = place
         about = {"code": "ControlLeft", "key": "Control", "windowsVirtualKeyCode": 17}
         self.page.call("Input.dispatchKeyEvent", type="rawKeyDown", modifiers=_CTRL, **about)
         held = {"button": button, "buttons": _BUTTONS[button], "modifiers": _CTRL}
         self._move(x, y, modifiers=_CTRL)
         self._mouse("mousePressed", x, y, clickCount=1, **held)
-        for _ in range(_DRAG[0]):
-            self.page.wait_for_frames(1)
-            y -= _DRAG[1]
-            self._mouse("mouseMoved", x, y, **held)
-        wait(until)
-        self._mouse("mouseReleased", x, y, button=button, modifiers=_CTRL, clickCount=1)
+        here, other = y - _DRAG, y - 2 * _DRAG
+        self._mouse("mouseMoved", x, here, **held)
+        end, seconds = time.monotonic() + LIMIT, 1
+        while not _is_soon(until, seconds):
+            assert time.monotonic() < end, f"dragging had no effect in {LIMIT:g} seconds"
+            here, other, seconds = other, here, seconds + 1
+            self._mouse("mouseMoved", x, here, **held)
+        self._mouse("mouseReleased", x, here, button=button, modifiers=_CTRL, clickCount=1)
         self.page.call("Input.dispatchKeyEvent", type="keyUp", **about)
 
     def _move(self, x: int, y: int, **about: object) -> None:
@@ -162,6 +170,16 @@ class _Viewed:
 
     def _mouse(self, kind: str, x: int, y: int, **about: object) -> None:
         self.page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **about)
+
+
+def _is_soon(until: Callable[[], bool], seconds: float) -> bool:
+    """Whether something becomes so within some seconds."""
+    end = time.monotonic() + seconds
+    while not until():
+        if time.monotonic() > end:
+            return False
+        time.sleep(_POLL)
+    return True
 
 
 def _red(picture: np.ndarray) -> np.ndarray:
