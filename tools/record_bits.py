@@ -1,32 +1,21 @@
 """Record the bits that `limberjack doctor --exact` compares with, on this machine.
 
-    python tools/record_bits.py          # with NumPy's widest vectors, and with AVX2
-    python tools/record_bits.py --one    # in this process only
+    python tools/record_bits.py
 
 A run takes the place of one of the same kind of processor, NumPy and MuJoCo in
 src/limberjack/doctor/stored_bits.json; others stay. To record another version of NumPy, install it
-beside Limberjack in an environment of its own and run this there. NumPy's AVX2 is recorded by
-switching wider vectors off (NPY_DISABLE_CPU_FEATURES), so a processor without them may differ in
-functions of the C library.
+beside Limberjack in an environment of its own and run this there.
 """
 
-import os
-import subprocess
-import sys
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
 
 from limberjack import suite
 from limberjack.doctor.exactness import played
 from limberjack.doctor.stored_bits import FILE, Kind, Run, StoredBits, field_of
 
-__all__ = ["main", "record"]
-
-_DISABLE = "NPY_DISABLE_CPU_FEATURES"
-_WIDE = "AVX512", "X86_V4"  # how the names of NumPy's features wider than AVX2 begin
+__all__ = ["record"]
 
 
 def record(path: Path = FILE, tasks: tuple[tuple[str, str], ...] = suite.ALL_TASKS) -> Run:
@@ -48,20 +37,5 @@ def record(path: Path = FILE, tasks: tuple[tuple[str, str], ...] = suite.ALL_TAS
     return run
 
 
-def main(
-    one: Annotated[bool, typer.Option("--one", help="Record in this process only.")] = False,
-) -> None:
-    """Record the bits of this machine's kinds."""
-    if one:
-        typer.echo(record().kind)
-        return
-    features = np.show_config(mode="dicts")
-    found = features["SIMD Extensions"].get("found", []) if features else []
-    wide = [name for name in found if name.startswith(_WIDE)]
-    for disabled in [[], wide] if wide else [[]]:
-        environment = {**os.environ, _DISABLE: " ".join(disabled)}
-        subprocess.run([sys.executable, __file__, "--one"], env=environment, check=True)
-
-
 if __name__ == "__main__":
-    typer.run(main)
+    print(record().kind)

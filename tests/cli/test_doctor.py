@@ -121,8 +121,8 @@ def test_pictures_that_cannot_be_drawn_do_not_fail_the_core(
     assert "libEGL.so.1 cannot be loaded; install it" in result.stdout
 
 
-_HERE = Kind("Darwin", "arm64", "NEON", "2.4.6", "4.0.0")
-_STORED = Kind("Linux", "x86_64", "AVX2", "2.4.6", "4.0.0")
+_HERE = Kind("Darwin", "arm64", "NEON", "fused", "2.4.6", "4.0.0")
+_STORED = Kind("Linux", "x86_64", "AVX2", "rounded", "2.4.6", "4.0.0")
 _FIRST = Departure(
     "walker:walk", "single", 3, "velocity", (Amount(20, 2e-15), Amount(60, 0.0)), 4e-12
 )
@@ -140,8 +140,8 @@ def test_equal_bits_are_reported_with_both_kinds(monkeypatch: pytest.MonkeyPatch
     result = _bits(monkeypatch, Comparison(_STORED, _STORED, 51, (), ()))
     assert result.exit_code == 0
     assert result.stdout.splitlines() == [
-        "here            Linux x86_64 with AVX2, NumPy 2.4.6, MuJoCo 4.0.0",
-        "stored          Linux x86_64 with AVX2, NumPy 2.4.6, MuJoCo 4.0.0",
+        "here            Linux x86_64 with AVX2, rounded products, NumPy 2.4.6, MuJoCo 4.0.0",
+        "stored          Linux x86_64 with AVX2, rounded products, NumPy 2.4.6, MuJoCo 4.0.0",
         "bits            bit-equal: 51 tasks, single and batched",
         "batches         bit-equal with single environments of this machine",
     ]

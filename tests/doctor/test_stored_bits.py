@@ -1,6 +1,7 @@
 """The stored bits: what is in the file, how it is written, and the kinds of machines."""
 
 import dataclasses
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from limberjack import suite
 from limberjack.doctor.stored_bits import FILE, KEPT, Kind, Run, StoredBits, field_of
 
-_KIND = Kind("Linux", "x86_64", "AVX2", "2.4.6", "4.0.0")
+_KIND = Kind("Linux", "x86_64", "AVX2", "rounded", "2.4.6", "4.0.0")
 _LARGEST_FILE = 200_000  # bytes, in a package that is downloaded with everything else
 
 
@@ -81,6 +82,21 @@ def test_the_mujoco_version_decides_before_the_machine_and_that_before_numpy() -
     other_mujoco = dataclasses.replace(_KIND, mujoco="4.1.0")
     kinds = [other_mujoco, other_machine, other_numpy, _KIND]
     assert sorted(kinds, key=_KIND.nearness) == kinds
+
+
+def test_products_are_named_as_the_linear_algebra_rounds_them() -> None:
+    def fused(first: float, second: float) -> float:
+        return float(Fraction(second) ** 2 + Fraction(first * first))
+
+    pairs = np.random.RandomState(0).normal(size=(1000, 2))
+    sums = {
+        "fused": [{fused(a, b), fused(b, a)} for a, b in pairs.tolist()],  # in either order
+        "rounded": [{a * a + b * b} for a, b in pairs.tolist()],
+    }
+    differing = sum(not one & other for one, other in zip(*sums.values(), strict=True))
+    assert differing > 20  # so that the two can be told apart
+    for pair, expected in zip(pairs, sums[Kind.here().products], strict=True):
+        assert pair.dot(pair) in expected
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,8 @@ class Kind:
       system: such as 'Linux', 'Darwin' or 'Windows'.
       machine: such as 'x86_64' or 'arm64'.
       vectors: the widest instructions that NumPy uses here; '' if none of them is known.
+      products: 'fused' if NumPy's library of linear algebra rounds a sum of products once per term,
+        'rounded' if it rounds each product too.
       numpy: its version.
       mujoco: its version.
     """
@@ -55,6 +57,7 @@ class Kind:
     system: str
     machine: str
     vectors: str
+    products: str
     numpy: str
     mujoco: str
 
@@ -70,18 +73,20 @@ class Kind:
             platform.system(),
             platform.machine(),
             next(vectors, ""),
+            "fused" if _fuses_products() else "rounded",
             packages["numpy"],
             packages["mujoco"],
         )
 
     def nearness(self, other: "Kind") -> tuple[bool, ...]:
         """A key that is the larger, the more of the other kind is the same."""
-        names = ("mujoco", "machine", "system", "vectors", "numpy")
+        names = ("mujoco", "machine", "system", "vectors", "products", "numpy")
         return tuple(getattr(self, name) == getattr(other, name) for name in names)
 
     def __str__(self) -> str:
         vectors = f" with {self.vectors}" if self.vectors else ""
-        return f"{self.system} {self.machine}{vectors}, NumPy {self.numpy}, MuJoCo {self.mujoco}"
+        machine = f"{self.system} {self.machine}{vectors}, {self.products} products"
+        return f"{machine}, NumPy {self.numpy}, MuJoCo {self.mujoco}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,6 +108,17 @@ class Run:
 
     kind: Kind
     tasks: Mapping[str, Mapping[str, Field]]
+
+
+def _fuses_products() -> bool:
+    """Whether `numpy.dot` adds a product to a sum before it rounds.
+
+    (1 + e) (1 - e) - 1 is -e^2 then, and otherwise 0, because the product is rounded to 1. It shows
+    for the second of two products only, so each comes second once.
+    """
+    e = 2.0**-30
+    above, below = np.array([1, 1 + e]), np.array([-1, 1 - e])
+    return bool(above.dot(below) or above[::-1].copy().dot(below[::-1].copy()))
 
 
 def field_of(values: np.ndarray) -> Field:
