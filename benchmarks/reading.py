@@ -6,8 +6,12 @@ README.md describes the comparisons. The exit status is 1 if a bar is missed.
 """
 
 import collections
+import contextlib
 import dataclasses
+import socket
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +27,16 @@ __all__ = ["Effort", "main"]
 _TASKS = (("humanoid", "walk"), ("cartpole", "swingup"))
 _SIZE = 256  # transitions of a batch, and of a batch of windows in steps
 _LENGTH = 16  # steps of a window
+
+# A web server that gives parts of files: aiohttp's, a program of its own as on another machine.
+_SERVER = """
+import sys
+from aiohttp import web
+app = web.Application()
+app.router.add_static("/", sys.argv[1])
+web.run_app(app, host="127.0.0.1", port=int(sys.argv[2]), print=None)
+"""
+_PATIENCE = 60.0  # seconds until the server answers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +106,54 @@ def _rate(read: Callable[[data.Dataset], int], dataset: data.Dataset) -> float:
     return steps / (time.process_time() - began)
 
 
+def _seconds(dataset: data.Dataset) -> float:
+    """The time in which `batches` reads everything, by the clock, waiting included."""
+    began = time.perf_counter()
+    _batches(dataset)
+    return time.perf_counter() - began
+
+
+@contextlib.contextmanager
+def _served(folder: str) -> Iterator[str]:
+    """The URL of a folder on this machine."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        port = found.getsockname()[1]
+    with subprocess.Popen([sys.executable, "-c", _SERVER, folder, str(port)]) as server:
+        try:
+            end = time.monotonic() + _PATIENCE
+            while True:
+                with contextlib.suppress(ConnectionRefusedError):
+                    socket.create_connection(("127.0.0.1", port)).close()
+                    break
+                if server.poll() is not None or time.monotonic() > end:
+                    raise RuntimeError("the web server does not answer")
+                time.sleep(0.05)
+            yield f"http://127.0.0.1:{port}"
+        finally:
+            server.terminate()
+
+
+def _over_loopback(folder: str, subject: str, turns: int) -> Row:
+    """Reading from a web server on this machine against reading from its disk, in turns."""
+    with _served(folder) as url:
+        local, remote = data.load(folder), data.load(url)
+        _batches(local), _batches(remote)
+        pairs = [(_seconds(remote), _seconds(local)) for _ in range(turns)]
+    ratios = [ours / theirs for theirs, ours in pairs]
+    rates = [[local.steps / seconds for seconds in side] for side in zip(*pairs, strict=True)]
+    return Row(
+        "batches over loopback / batches",
+        subject,
+        statistics.median(rates[0]),
+        statistics.median(rates[1]),
+        "steps/s",
+        statistics.median(ratios),
+        bar=at_least(0.7),
+        details={"ratio": spread(ratios), "steps_per_second": spread(rates[0])},
+    )
+
+
 def _measure(domain: str, task: str, effort: Effort) -> Iterator[Row]:
     """The rows of a task: each turn of a reader is compared with one of `batches` beside it."""
     rates: dict[str, list[float]] = collections.defaultdict(list)
@@ -106,6 +168,7 @@ def _measure(domain: str, task: str, effort: Effort) -> Iterator[Row]:
             for name, (read, _) in _READERS.items():
                 rates[name].append(_rate(read, dataset))
                 theirs[name].append(_rate(_batches, dataset))
+        yield _over_loopback(folder, f"{domain}:{task}", effort.turns)
     for name, (_, bar) in _READERS.items():
         ratios = [a / b for a, b in zip(rates[name], theirs[name], strict=True)]
         yield Row(

@@ -153,12 +153,15 @@ class Remote:
     def open(self) -> io.BufferedIOBase:
         """The file, open for reading; the caller closes it."""
         files, path = self._found()
-        file = self._again(files, lambda: files.open(path, "rb", block_size=_BLOCK))
+        is_web = "http" in files.protocol
+        # fsspec's own choice for web servers copies all that is cached with each block.
+        how = {"cache_type": "readahead"} if is_web else {}
+        file = self._again(files, lambda: files.open(path, "rb", block_size=_BLOCK, **how))
         with self._reported():
             if not file.seekable():
                 with file:
                     return io.BytesIO(file.read())
-            if "http" in files.protocol and not self._gives_parts(files, path):
+            if is_web and not self._gives_parts(files, path):
                 with file:
                     return io.BytesIO(files.cat_file(path))
         return _Reported(self, file)
