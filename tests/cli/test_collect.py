@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from limberjack.data import Pixels, collect, load
+from limberjack.episodes import illustrating
+from limberjack.mujoco.rendering import RenderingError
 from tests.episodes.collected import PENDULUM, hashes, of_64, whole_hashes
 from tests.workers.killing import children, is_alive, shared_memory, wait_for
 
@@ -75,6 +77,26 @@ def test_a_set_that_cannot_be_is_refused(options: list[str], message: str, tmp_p
     assert result.exit_code == 2
     assert message in " ".join(result.stderr.split())
     assert not (tmp_path / "set").exists()
+
+
+def test_without_opengl_a_dataset_is_complete_and_one_line_says_that_it_has_no_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*arguments: object) -> None:
+        raise RenderingError("OpenGL is not available")
+
+    monkeypatch.setattr(illustrating, "_draw_first", failing)
+    monkeypatch.setattr(illustrating, "_film", failing)
+    out = tmp_path / "out"
+    result = invoke(*_PENDULUM, "--seeds", "0:1", "--out", str(out), "--film")
+    assert result.exit_code == 0
+    assert result.stderr == "".join(
+        f"limberjack: {out} is complete, without median-0000000000.{ending}: OpenGL is not "
+        "available\n"
+        for ending in ("png", "mp4")
+    )
+    assert "There is no picture" in (out / "README.md").read_text()
+    assert len(load(out)) == 1
 
 
 def test_a_damaged_file_is_made_again_and_one_line_says_so(tmp_path: Path) -> None:

@@ -9,9 +9,8 @@ from typing import Any
 
 import pytest
 
-from limberjack.data import Dataset, collect, load
+from limberjack.data import Dataset, load
 from limberjack.episodes.manifest import (
-    CARD_LINE,
     Manifest,
     file_name,
     named_seeds,
@@ -19,7 +18,7 @@ from limberjack.episodes.manifest import (
     without,
 )
 
-from .collected import PENDULUM, copy, folder_of, hashes
+from .collected import copy, folder_of, hashes
 
 
 def _content(dataset: Dataset) -> dict[str, Any]:
@@ -137,23 +136,6 @@ def test_a_changed_byte_is_refused_or_changes_nothing_that_is_loaded(
             continue
         assert found == pendulums.seeds
     assert refused > 50
-
-
-def test_a_card_that_the_user_has_changed_stays(tmp_path: Path) -> None:
-    domain, task, seconds = PENDULUM
-
-    def gather(seeds: range) -> str:
-        collect(domain, task, "zero", seeds, out=tmp_path, time_limit=seconds, num_threads=1)
-        return (tmp_path / "README.md").read_text()
-
-    first = gather(range(2))
-    header = ["configs:", "- config_name: default", "  data_files: episodes/*.parquet", "---"]
-    assert first.splitlines()[:5] == ["---", *header]
-    assert "2 episodes of seeds 0 to 1, 20 steps" in first
-    assert "4 episodes of seeds 0 to 3, 40 steps" in gather(range(2, 4))
-    mine = first.replace(CARD_LINE, "Mine.")
-    (tmp_path / "README.md").write_text(mine)
-    assert gather(range(4, 6)) == mine
 
 
 def test_a_name_gives_the_seeds_and_nothing_else_does() -> None:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.data import Dataset, load
+from limberjack.data import Dataset, Kept, Pixels, collect, load
 
-from .collected import folder_of
+from .collected import PENDULUM, folder_of
 
 torch: Any = pytest.importorskip("torch", reason="needs the extra 'torch'")
 torch_datasets: Any = pytest.importorskip("limberjack.episodes.torch_datasets")
@@ -60,6 +60,43 @@ def test_tensors_share_the_memory_of_the_arrays(pendulums: Dataset) -> None:
     assert "returns_to_go" not in windows
     assert windows["mask"].shape == (256, 3)
     assert windows["rewards"].dtype == torch.float32
+
+
+@pytest.mark.usefixtures("pictures")
+def test_loaders_give_pictures_as_bytes(tmp_path: Path) -> None:
+    kept = Kept(pixels=Pixels(height=12, width=16, quality="fast"))
+    collect(*PENDULUM[:2], "random", range(3), out=tmp_path, kept=kept, time_limit=0.2)
+    dataset = load(tmp_path)
+    before, after = (
+        np.concatenate([episode.observations["pixels"][rows] for episode in dataset])
+        for rows in (slice(None, -1), slice(1, None))
+    )
+    assert len(np.unique(before, axis=0)) == 30
+    chosen = dataset.select(float32=True)  # of numbers
+    for workers in (0, 2):
+        loader = DataLoader(torch_datasets.Batches(chosen, 4), batch_size=None, num_workers=workers)
+        batches = list(loader)
+        found = [batch["observations"]["pixels"] for batch in batches]
+        assert {pixels.dtype for pixels in found} == {torch.uint8}
+        assert sum(map(len, found)) == 30
+        _assert_same_pictures(torch.cat(found), before)
+        following = torch.cat([batch["next_observations"]["pixels"] for batch in batches])
+        _assert_same_pictures(following, after)
+    windows = torch_datasets.Sequences(dataset, 5, 5)
+    (batch,) = DataLoader(windows, batch_size=None)
+    assert batch["observations"]["pixels"].shape == (6, 6, 12, 16, 3)
+    np.testing.assert_array_equal(
+        batch["observations"]["pixels"][:, :-1].reshape(before.shape), before
+    )
+    loader = DataLoader(torch_datasets.Transitions(dataset), batch_size=30)
+    (batch,) = loader
+    np.testing.assert_array_equal(batch["observations"]["pixels"], before)
+
+
+def _assert_same_pictures(found: Any, expected: np.ndarray) -> None:
+    """Compares pictures in any order."""
+    ours, theirs = (np.sort([one.tobytes() for one in part]) for part in (found.numpy(), expected))
+    np.testing.assert_array_equal(ours, theirs)
 
 
 @pytest.mark.parametrize("workers", [0, 2])

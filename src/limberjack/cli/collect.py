@@ -93,6 +93,12 @@ _Repair = Annotated[
         "--repair", help="First move damaged files into DIR/damaged; they are then made again."
     ),
 ]
+_Film = Annotated[
+    bool,
+    typer.Option(
+        "--film", help="Draw a picture and a film of the median episode for the dataset's card."
+    ),
+]
 _FormatName = Annotated[
     _Format, typer.Option(help="Besides Parquet files: a Minari dataset in DIR/minari.")
 ]
@@ -121,6 +127,7 @@ def _collect(
     camera: Camera = None,
     file_mb: _FileMb = 100.0,
     repair: _Repair = False,
+    film: _Film = False,
     format: _FormatName = _Format.PARQUET,
     threads: Threads = None,
     time_limit: TimeLimit = None,
@@ -163,6 +170,7 @@ def _collect(
             keep=(states, float32, flat, pictures),
             file_mb=file_mb,
             repair=repair,
+            film=film,
             time_limit=time_limit,
             action_repeat=action_repeat,
             num_threads=threads,

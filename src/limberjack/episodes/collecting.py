@@ -17,7 +17,7 @@ import datetime
 import functools
 import platform
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ import dm_env
 from limberjack import policies, suite
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.folder import Folder, blocks, discard_other
+from limberjack.episodes.illustrating import illustrate
 from limberjack.episodes.parquet import PYARROW, encode
 from limberjack.episodes.places import Place, place_of
 from limberjack.episodes.player import OnEnded, Player
@@ -56,6 +57,7 @@ def collect(
     kept: Kept | None = None,
     file_mb: float = FILE_MB,
     repair: bool = False,
+    film: bool = False,
     time_limit: float | None = None,
     action_repeat: int | None = None,
     num_threads: int | None = None,
@@ -84,6 +86,8 @@ def collect(
         many as have room if all episodes have full length, and at least one.
       repair: first move damaged files into the folder `damaged`, and collect their episodes again,
         too; not with a shard.
+      film: draw the median episode for the card of the dataset, after all else; with a shard it is
+        left to the call without one.
       num_threads, workers, executor, ray: the workers, as for `limberjack.evaluation.evaluate`.
       shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder, which a call
         without `shard` completes.
@@ -119,6 +123,7 @@ def collect(
     directory = place_of(str(out))
     if isinstance(directory, Path):
         directory = directory.absolute()  # a policy may change folders
+    make = domain if callable(domain) else None
     with contextlib.closing(player):
         collect_with(
             player,
@@ -128,6 +133,7 @@ def collect(
             shard=shard,
             repair=repair,
             on_progress=on_progress,
+            on_complete=functools.partial(illustrate, make=make) if film and not shard else None,
             command=command,
         )
 
@@ -191,6 +197,7 @@ def collect_with(
     on_progress: OnProgress | None = None,
     on_step: OnStep | None = None,
     on_ended: OnEnded | None = None,
+    on_complete: Callable[[Place], object] | None = None,
     command: str = "",
 ) -> None:
     """Plays with a player, and writes; arguments and errors are those of `collect`.
@@ -202,6 +209,7 @@ def collect_with(
       replaces: discard a dataset of another recipe that is here; by default it is an error.
       on_step: called as episodes begin in this process, and after each step.
       on_ended: called with each episode that ends in this process.
+      on_complete: called with the folder when all else is done, before another process may write.
     """
     if player.actor.sha256 is None:
         raise PolicyError(
@@ -239,6 +247,8 @@ def collect_with(
         folder.finish()
         if call is not None:
             folder.log({**call, "ended": _now()})
+        if on_complete is not None:
+            on_complete(directory)
 
 
 def _play_with_workers(

@@ -28,14 +28,13 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from limberjack.episodes.card import CARD, CARD_LINE, write_card
 from limberjack.episodes.manifest import (
-    CARD_LINE,
     EPISODES,
     MANIFEST,
     PARTS,
     File,
     Manifest,
-    card,
     file_name,
     named_seeds,
     united,
@@ -60,7 +59,6 @@ from limberjack.utils.files import Hold, random_letters, read_regular
 
 __all__ = ["Folder", "blocks", "calls_in", "check_distinct", "discard_other"]
 
-_CARD = "README.md"
 _RECORDS = "dataset-*-of-*.json"
 _RUNS = "run*.json"
 _UNFINISHED = re.compile(r"\.seeds-(\d{10})-\d{10}\.[0-9a-f]+\.part")  # see `utils.files.Partial`
@@ -354,9 +352,9 @@ class Folder:
         before = [] if self._manifest is None else self._manifest.wanted
         wanted = united([*before, *self._wanted, *(file.seeds for file in files)])
         manifest = Manifest(self._recipe, wanted, files)
-        if manifest != self._manifest or not exists(self.directory / _CARD):
+        if manifest != self._manifest or not exists(self.directory / CARD):
             figures = [self._opened(self._episodes / file.name).figures() for file in files]
-            self._write_card(card(manifest, figures))
+            write_card(self.directory, manifest, figures)
             self._write(self.directory / MANIFEST, manifest.text(figures))
         for path in named(self._parts, _RECORDS):
             remove(path)
@@ -399,12 +397,6 @@ class Folder:
         with filling(path, self.directory) as partial:
             partial.write_bytes(content)
         return content
-
-    def _write_card(self, text: str) -> None:
-        path = self.directory / _CARD
-        if exists(path) and CARD_LINE.encode() not in read(path):
-            return  # it is the user's
-        self._write(path, text)
 
     def log(self, call: Mapping[str, object]) -> None:
         """Writes a call to run.json, in the place of an entry that began at the same time."""
@@ -455,7 +447,7 @@ def discard_other(directory: Path, recipe: Recipe) -> None:
         return
     with Hold(directory):
         (directory / MANIFEST).unlink(missing_ok=True)
-        card = directory / _CARD
+        card = directory / CARD
         if card.exists() and CARD_LINE.encode() in read_regular(card):
             card.unlink()
         for path in [*shards, *directory.glob(_RUNS), *parts.glob(_RECORDS)]:

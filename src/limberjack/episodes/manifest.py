@@ -5,8 +5,7 @@
     manifest = Manifest.read(Path("walk"))      # None where there is no such file
 
 It depends on the recipe and the seeds alone, as the files do. The file may come from anyone, and is
-checked: a name that it lists is that of the seeds beside it, never another path. `card` is the
-README.md of the folder, whose header tells Hugging Face `datasets` where the episodes are.
+checked: a name that it lists is that of the seeds beside it, never another path.
 """
 
 import dataclasses
@@ -14,23 +13,20 @@ import hashlib
 import itertools
 import json
 import re
-import statistics
 from collections.abc import Iterable, Sequence
 
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.places import Place, exists, opened
 from limberjack.episodes.recipe import FORMAT, Recipe, is_whole, seeds_of
-from limberjack.utils.facts import title_of
 
 __all__ = [
-    "CARD_LINE",
     "EPISODES",
     "MANIFEST",
+    "NOT_DRAWN",
     "PARTS",
     "SET_ASIDE",
     "File",
     "Manifest",
-    "card",
     "file_name",
     "named_seeds",
     "sha256_of",
@@ -39,11 +35,9 @@ __all__ = [
 ]
 
 MANIFEST, EPISODES, PARTS = "dataset.json", "episodes", "parts"
-CARD_LINE = (
-    "<!-- `limberjack collect` writes this file again when it adds episodes, unless you remove "
-    "this line. -->"
-)
-SET_ASIDE = "%s is damaged: it was moved to %s, and is made again"  # logged by a repair
+# What is logged by a repair, and where the median episode cannot be drawn.
+SET_ASIDE = "%s is damaged: it was moved to %s, and is made again"
+NOT_DRAWN = "%s is complete, without %s: %s"
 
 _MOST_BYTES = 2**28  # of a manifest: ten million episodes
 _NAME = re.compile(r"seeds-(\d{10})-(\d{10})\.(parquet|part)")
@@ -170,47 +164,6 @@ def _lines(value: object) -> str:
         entries = (f" {json.dumps(name)}: {json.dumps(one)}" for name, one in value.items())
         return "{\n" + ",\n".join(entries) + "\n}"
     return json.dumps(value)
-
-
-def card(manifest: Manifest, figures: Sequence[Figures]) -> str:
-    """The README.md of a dataset."""
-    recipe, facts = manifest.recipe, manifest.recipe.facts
-    seeds = [file.seeds for file in manifest.files]
-    returns = [value for one in figures for value in one.returns]
-    episodes = len(returns)
-    steps = sum(file.rows for file in manifest.files) - episodes
-    size = sum(file.nbytes for file in manifest.files) / 1e6
-    columns = [f"| `{c.name}` | {c.dtype} | {list(c.shape) or ''} |" for c in recipe.columns]
-    return "\n".join(
-        [
-            "---",
-            "configs:",
-            "- config_name: default",
-            f"  data_files: {EPISODES}/*.parquet",
-            "---",
-            "",
-            CARD_LINE,
-            "",
-            f"# {title_of(facts)}, policy `{facts['policy']}`",
-            "",
-            f"{episodes} episodes of seeds {seeds[0].start} to {seeds[-1].stop - 1}, {steps:,} "
-            f"steps of {facts['control_timestep']:g} s; {size:,.1f} MB in {len(seeds)} files. The "
-            f"mean return is {sum(returns) / episodes:.1f}, the median "
-            f"{statistics.median(returns):.1f}, the least {min(returns):.1f} and the greatest "
-            f"{max(returns):.1f}.",
-            "",
-            "`limberjack.data.load(DIR)`, `datasets.load_dataset(DIR)` and each reader of Parquet "
-            f"files open it; `limberjack replay DIR` plays it again. `{MANIFEST}` has the recipe, "
-            "the returns and the SHA-256 of the files.",
-            "",
-            "| column | type | shape |",
-            "|---|---|---|",
-            *columns,
-            "",
-            f"Collected with {', '.join(f'{n} {v}' for n, v in facts['versions'].items())}.",
-            "",
-        ]
-    )
 
 
 def file_name(seeds: range, ending: str = "parquet") -> str:
