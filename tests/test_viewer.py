@@ -3,9 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack import suite, viewer
+from limberjack.policies import PolicyError
 from limberjack.rl.control import Environment
 from limberjack.viewer.session import Session
 from tests import plain_domain
@@ -75,6 +77,52 @@ def test_an_environment_without_end_and_without_terms_is_viewed(
     viewer.launch(plain_domain.endless(3), native=True)
     status = shown[0]["session"].status()
     assert (status.step_limit, status.terms, status.success, status.start) == (None, {}, None, None)
+
+
+def test_the_panel_offers_what_is_given_and_the_built_in_policies(
+    shown: list[dict[str, Any]],
+) -> None:
+    environment = suite.load("cartpole", "balance", {"random": 0})
+    built_in = ["zero", "random", "planner", "pretrained"]
+
+    def push(time_step: Any) -> np.ndarray:
+        return np.ones(1)
+
+    for given, names in (
+        (None, ["none"]),
+        ("random", ["random", "none"]),
+        (push, ["policy", "none"]),
+        (["random", push, lambda time_step: -push(time_step)], ["random", "policy", "policy 2"]),
+    ):
+        viewer.launch(environment, given, native=True, seed=3)
+        session = shown.pop()["session"]
+        assert session.status().policy == names[0]
+        assert list(session.policies) == list(dict.fromkeys([*names, "none", *built_in]))
+    session.choose("policy 2")
+    session.step()
+    assert session.data.ctrl.tolist() == [-1.0]
+
+
+def test_the_planner_is_offered_where_its_plans_are_shown(shown: list[dict[str, Any]]) -> None:
+    environment = suite.load("cartpole", "balance", {"random": 0})
+    viewer.launch(environment, native=True, seed=3, explain=True)
+    session = shown[0]["session"]
+    assert session.status().policy == "none"
+    session.choose("planner")
+    session.step()
+    assert session.status().plan is not None
+    with pytest.raises(PolicyError, match="planner"):
+        viewer.launch(plain_domain.endless(3), native=True, explain=True)
+
+
+def test_what_is_no_policy_is_refused(shown: list[dict[str, Any]]) -> None:
+    with pytest.raises(PolicyError, match="nowhere"):
+        viewer.launch(plain_domain.make, "nowhere:policy", native=True)
+    wrong: Any
+    for wrong in (3, [3]):
+        with pytest.raises(TypeError, match="expected a function"):
+            viewer.launch(plain_domain.make, wrong, native=True)
+    assert shown == []
 
 
 @pytest.mark.parametrize("seed", [True, 1.5])

@@ -360,7 +360,7 @@ def test_the_planner_can_be_viewed() -> None:
 def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
     plans = viewer.Plans()
     environment = suite.load("stacker", "stack_2", {"random": 0, "time_limit": 0.05})
-    session = Session(environment, plans.begin_with("planner", environment), 3, plan=plans.last)
+    session = Session(environment, plans.begin_with(environment), 3, plan=plans.last)
     assert session.status().plan is None
     session.step()
     plan = session.status().plan
@@ -372,8 +372,6 @@ def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
     assert session.status().plan != plan
     session.reset()
     assert session.status().plan is None  # it belonged to the episode before
-    with pytest.raises(ValueError, match="only plans of the policy 'planner' are explained"):
-        plans.begin_with("random")
 
 
 def test_each_episode_of_an_appearance_gives_the_viewer_another_model() -> None:
@@ -495,7 +493,7 @@ def test_weights_of_the_planner_last_over_episodes() -> None:
     with pytest.raises(ValueError, match="no planner acts"):
         plans.weigh("distance", 1.0)
     environment = _load("hard", "reacher")
-    session = Session(environment, plans.begin_with("planner", environment), 0, plan=plans.last)
+    session = Session(environment, plans.begin_with(environment), 0, plan=plans.last)
     session.step()
     plan = session.status().plan
     assert plan is not None

@@ -40,7 +40,7 @@ __all__ = [
 
 def launch(
     environment_loader: _Loader,
-    policy: Act | str | None = None,
+    policy: Act | str | Sequence[Act | str] | None = None,
     title: str = "limberjack",
     width: int = 1024,
     height: int = 768,
@@ -61,7 +61,8 @@ def launch(
         closed at the end. One that needs an argument is given the seed, or 0 if there is none.
       policy: a function from a `dm_env.TimeStep` to an action, whose `reset()`, if it has one, is
         called at the start of each episode; or a name as in `limberjack.policies`; None acts with
-        the middle of the actions' bounds.
+        the middle of the actions' bounds. Of several, the first one acts. The panel offers all, and
+        the built-in ones that fit.
       title: of the panel with the reward.
       width: accepted for programs written for dm_control, and not used: browsers and the window
         have sizes of their own.
@@ -76,10 +77,11 @@ def launch(
       speed: simulated seconds per second.
       announce: called with the address to open in a browser, which carries the token that lets
         it in.
-      explain: show stage and terms of the plans of the policy 'planner'.
+      explain: show stage, terms and weights of the plans of the policy 'planner', which is offered.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.
+      PolicyError: there is no policy of a name, or it does not fit.
       ValueError: the port is in use, or another argument has a wrong value; nothing is started.
       TypeError: the environment has no MuJoCo simulation to show.
       ViewerError: there is no display for a window, or Studio does not start.
@@ -92,25 +94,15 @@ def launch(
             Access(find_address(host, port), allow_hosts), title, announce, plans.weigh
         )
     )
-    begin = plans.begin_with(policy) if explain else begin_with(policy)
-    if isinstance(environment_loader, Environment) or not callable(environment_loader):
-        _show(show, environment_loader, begin, seed, speed, plans)
-        return
-    with contextlib.closing(_made(environment_loader, seed)) as environment:
-        _show(show, environment, begin, seed, speed, plans)
-
-
-def _show(
-    show: Callable[[Session], None],
-    environment: Viewed,
-    begin: Begin,
-    seed: int | None,
-    speed: float,
-    plans: "Plans",
-) -> None:
-    """Show the environment until the viewer is closed or Ctrl-C is pressed."""
-    with contextlib.suppress(KeyboardInterrupt):
-        show(Session(environment, begin, seed, speed, plan=plans.last))
+    given = list(policy) if isinstance(policy, list | tuple) else [policy or NO_POLICY]
+    chosen = [*given, PLANNER] if explain else given
+    with contextlib.ExitStack() as stack:
+        environment = environment_loader
+        if not isinstance(environment, Environment) and callable(environment):
+            environment = stack.enter_context(contextlib.closing(_made(environment, seed)))
+        begins = offered(environment, chosen, plans if explain else None)
+        stack.enter_context(contextlib.suppress(KeyboardInterrupt))
+        show(Session(environment, seed=seed, speed=speed, plan=plans.last, policies=begins))
 
 
 def in_browsers(
@@ -183,31 +175,41 @@ def begin_with(policy: Act | str | None) -> Begin:
 
 
 def offered(
-    environment: Environment, names: Sequence[str], plans: "Plans | None" = None
+    environment: Environment, given: Sequence[Act | str], plans: "Plans | None" = None
 ) -> dict[str, Begin]:
-    """The policies that a person can choose from: those named, then the built-in ones that fit.
+    """The policies that a person can choose from, by name: those given, then the built-in ones.
 
     Args:
-      environment: the one to act in.
-      names: as in `limberjack.policies`, or 'none'; the first acts first.
+      environment: the one to act in; built-in policies that do not fit it are left out.
+      given: names as in `limberjack.policies`, 'none', and functions as for `launch`, which are
+        called 'policy', 'policy 2' and so on; the first acts first.
       plans: keeps the planner's plans; None if they are not shown.
 
     Raises:
       PolicyError: there is no policy of one of the names, or it does not fit.
+      TypeError: one is neither a name nor a function.
     """
     found: dict[str, Begin] = {}
-    for name in dict.fromkeys([*names, NO_POLICY, *policies.BUILT_IN]):
-        try:
-            if name == NO_POLICY:
-                found[name] = idle
-            elif name == PLANNER and plans is not None:
-                found[name] = plans.begin_with(name, environment)
-            else:
-                found[name] = begin_policy(policies.find(name, environment))
-        except policies.PolicyError:
-            if name in names:
-                raise
+    functions = 0
+    for one in [*given, NO_POLICY, *policies.BUILT_IN]:
+        if not isinstance(one, str):
+            functions += 1
+            found["policy" if functions == 1 else f"policy {functions}"] = begin_with(one)
+        elif one not in found:
+            try:
+                found[one] = _begin_of(one, environment, plans)
+            except policies.PolicyError:
+                if one in given:
+                    raise
     return found
+
+
+def _begin_of(name: str, environment: Environment, plans: "Plans | None") -> Begin:
+    if name == NO_POLICY:
+        return idle
+    if name == PLANNER and plans is not None:
+        return plans.begin_with(environment)
+    return begin_policy(policies.find(name, environment))
 
 
 class Plans:
@@ -223,19 +225,12 @@ class Plans:
         """The last plan of this episode."""
         return self._last
 
-    def begin_with(self, policy: Act | str | None, environment: Environment | None = None) -> Begin:
+    def begin_with(self, environment: Environment) -> Begin:
         """A function that begins the planner's episodes.
 
-        Args:
-          policy: 'planner'.
-          environment: the one to act in, if it is known, whose task must have a cost.
-
         Raises:
-          ValueError: the policy is another one.
           PolicyError: there is no cost for the environment's task.
         """
-        if policy != PLANNER:
-            raise ValueError(f"only plans of the policy 'planner' are explained, not of {policy!r}")
         actor = policies.planner(environment, on_plan=self._on_plan, on_begin=self._on_begin)
         begin = begin_policy(actor)
 
