@@ -47,6 +47,7 @@ _PARTS = {
     "steps_per_second.json": ("gym", *_SIMULATED),
     "suite_speed.json": _SIMULATED,
     "threads.json": ("bench", "gym", "policies", "training", *_SIMULATED),
+    "viewer.json": ("viewer",),
     "writing.json": ("episodes", "workers"),
 }
 
