@@ -74,8 +74,14 @@ def test_numbers_have_short_types_in_help() -> None:
     text = invoke("evaluate", "--help").stdout + invoke("record", "--help").stdout
     assert " N " in text
     assert " X " in text
-    for long in ("<int", "<float", "INTEGER", "FLOAT"):
+    for long in ("<int", "<float", "INTEGER", "FLOAT", "x>=", "<=x"):
         assert long not in text
+
+
+def test_a_number_out_of_range_is_refused_with_the_range() -> None:
+    result = invoke("train", "cartpole", "balance", "--out", "out", "--seed", "1000000")
+    assert result.exit_code == 2
+    assert "999999" in result.stderr
 
 
 _SHELL = [sys.executable, "-m", "limberjack", "policies"]

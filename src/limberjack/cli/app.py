@@ -28,8 +28,11 @@ _Function = TypeVar("_Function", bound=Callable[..., None])
 _VALUES = {"--ray": "local"}
 
 
-class _FlagsWithoutType:
-    """Help pages that show a flag by its name alone; Typer's would add `<bool>`."""
+class _ShortTypes:
+    """Help pages that show a flag by its name alone, without `<bool>`, and a number without range.
+
+    Numbers out of range are refused by the type of the parameter, in a message with the range.
+    """
 
     # Any: classes that depend on the version of Typer.
     def get_params(self, ctx: Any) -> list[Any]:
@@ -39,10 +42,11 @@ class _FlagsWithoutType:
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""
+            parameter.min = parameter.max = None  # of its description alone
         return parameters
 
 
-class _Command(_FlagsWithoutType, typer.core.TyperCommand):
+class _Command(_ShortTypes, typer.core.TyperCommand):
     """One command."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # as Typer has it
@@ -50,7 +54,7 @@ class _Command(_FlagsWithoutType, typer.core.TyperCommand):
         return super().parse_args(ctx, _with_values(args))
 
 
-class _Group(_FlagsWithoutType, typer.core.TyperGroup):
+class _Group(_ShortTypes, typer.core.TyperGroup):
     """The program."""
 
 
