@@ -60,7 +60,8 @@ test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at
 # Loaders fork their workers, of which JAX warns once it is imported: their tests run by themselves.
 test-training: $(VENV)/installed-training  ## Run the tests of training, Stable-Baselines3, PyTorch's loaders and the examples
 	$(BIN)/python -m pytest tests/training tests/cli/test_train.py tests/adapters/test_sb3.py \
-		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py tests/examples
+		tests/evaluation/test_saved_models.py tests/policies/test_exporting.py tests/examples \
+		tests/docs/test_notebooks.py
 	$(BIN)/python -m pytest tests/docs/test_pages.py tests/episodes/test_torch_datasets.py -k torch
 
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format

@@ -35,8 +35,10 @@ __all__ = ["main", "site_config", "site_path", "with_links_of_the_site", "write_
 _REPOSITORY = Path(__file__).parents[1]
 _DOCS = _REPOSITORY / "docs"
 _CONFIG = _REPOSITORY / "mkdocs.yml"
+_NOTEBOOKS = "notebooks"
 _REFERENCE = "reference"
 _PICTURE = 240, 320  # pixels
+_BOOST = 0.2  # of the API reference in the search, so that pages come before it
 
 # Files outside of docs/ that are pages, and pages with another name on the site.
 _PAGES = {
@@ -78,10 +80,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def write_pages(folder: Path) -> None:
     """Writes all pages as Markdown, and their pictures."""
     shutil.copytree(_DOCS / "images", folder / "images")
+    shutil.copytree(_REPOSITORY / _NOTEBOOKS, folder / _NOTEBOOKS)
     shutil.copy(_DOCS / "site.css", folder)
+    words = yaml.safe_load(_CONFIG.read_text(encoding="utf-8"))["extra"]["search_words"]
     for source in _sources():
         text = with_links_of_the_site(source, source.read_text(encoding="utf-8"))
         text = domain_pages.fill(text, source.stem)
+        if source.stem in words:
+            text = _with_facts(text, tags=words[source.stem])
         (folder / site_path(source)).write_text(text, encoding="utf-8")
     for domain in suite.TASKS_BY_DOMAIN:
         page = folder / f"{domain}.md"
@@ -90,8 +96,14 @@ def write_pages(folder: Path) -> None:
     reference = folder / _REFERENCE
     reference.mkdir()
     for name, text in reference_pages.pages().items():
+        text = _with_facts(text, search={"boost": _BOOST})
         (reference / name).write_text(text, encoding="utf-8")
     _write_pictures(folder)
+
+
+def _with_facts(text: str, **facts: object) -> str:
+    """A page with what the search is to know of it."""
+    return f"---\n{yaml.safe_dump(facts)}---\n\n{text}"
 
 
 def _sources() -> Iterator[Path]:
@@ -110,6 +122,8 @@ def site_path(source: Path) -> str:
     name = source.resolve().relative_to(_REPOSITORY).as_posix()
     if name in _PAGES:
         return _PAGES[name]
+    if name.startswith(f"{_NOTEBOOKS}/"):
+        return name
     if not name.startswith("docs/"):
         raise ValueError(f"{name} is not part of the site; write its name as code, not as a link")
     return name.removeprefix("docs/")

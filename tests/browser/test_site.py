@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import reference_pages
+import yaml
 
 from limberjack import suite
 
@@ -22,6 +23,9 @@ _LIMIT = 600  # seconds for the build, on the slowest machine too
 # Pages that the browser draws: one of each kind.
 _DRAWN = ("", "semantics/", "humanoid/", "scores/", "reference/limberjack.rl.batch/")
 _QUERY = "bring_ball"
+_WIDTHS = (390, 1280)  # CSS pixels: of a phone and of a laptop
+_SCHEMES = ("default", "slate")  # the theme's names of light and dark
+_SWITCH = "document.querySelector('form[data-md-component=palette] label:not([hidden])').click()"
 
 # Follows every link of the site from its first page on, and returns those that fail. `fetch` goes
 # through the browser, so that each address is among the page's requests.
@@ -59,6 +63,33 @@ _FOLLOW = """
   }
   return {failed: [...new Set(failed)], pages: pages.size};
 })()
+"""
+
+# What of a page does not fit into a window: what is beyond an edge where nothing scrolls, what is
+# cut off, and tables that scroll without a sign of it.
+_UNFITTING = """
+(width => {
+  const found = [], whole = document.documentElement.scrollWidth;
+  if (whole > width) found.push(`the page is ${whole} wide`);
+  const said = e => `${e.tagName} ${e.textContent.trim().slice(0, 40)}`;
+  const is = (e, ...kinds) => kinds.includes(getComputedStyle(e).overflowX);
+  const within = box => box.left >= -1 && box.right <= width + 1;
+  const shows = e => is(e, 'auto', 'scroll') && within(e.getBoundingClientRect());
+  for (const e of document.querySelectorAll('.md-content *')) {
+    const box = e.getBoundingClientRect();
+    if (!box.width || !box.height) continue;
+    let scroller = within(box) ? null : e.parentElement;
+    while (scroller && !shows(scroller)) scroller = scroller.parentElement;
+    if (!within(box) && !scroller) found.push(`${said(e)}: from ${box.left} to ${box.right}`);
+    if (is(e, 'hidden', 'clip') && e.scrollWidth > e.clientWidth + 1)
+      found.push(`${said(e)}: cut off at ${e.clientWidth} of ${e.scrollWidth}`);
+    const scrolls = e.scrollWidth > e.clientWidth + 1 && is(e, 'auto', 'scroll');
+    if (scrolls && e.querySelector('table:not([class])')
+        && !getComputedStyle(e).backgroundImage.includes('gradient'))
+      found.push(`${said(e)}: scrolls without a sign of it`);
+  }
+  return found;
+})
 """
 
 
@@ -178,18 +209,82 @@ def test_a_page_loads_from_the_site_only_and_logs_no_error(
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize("path", _DRAWN)
+def test_a_page_of_each_kind_fits_a_phone_and_a_laptop_light_and_dark(
+    browser: Chromium, address: str, path: str
+) -> None:
+    assert _unfitting(browser.open(address + path)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_every_page_fits_a_phone_and_a_laptop_light_and_dark(
+    browser: Chromium, address: str, built: tuple[Path, str]
+) -> None:
+    page = browser.open(address)
+    paths = [path.parent.relative_to(built[0]) for path in built[0].rglob("index.html")]
+    assert len(paths) > 100
+    found = []
+    for path in sorted(paths):
+        page.call("Page.navigate", url=f"{address}{path.as_posix()}/")
+        page.wait_for(f"location.pathname == '/{path.as_posix()}/' || {str(path) == '.'}")
+        page.wait_for("document.readyState == 'complete'")
+        found += [f"{path}: {what}" for what in _unfitting(page)]
+    assert found == []
+
+
+def _unfitting(page: Page) -> list[str]:
+    """What of a page does not fit, at each width and in both colour schemes."""
+    page.prefer(prefers_reduced_motion="reduce")  # nothing is on its way to its place
+    found = []
+    for scheme in _SCHEMES:
+        if page.evaluate("document.body.dataset.mdColorScheme") != scheme:
+            page.evaluate(_SWITCH)
+        page.wait_for(f"document.body.dataset.mdColorScheme == '{scheme}'")
+        for width in _WIDTHS:
+            page.resize(width, 900)
+            page.wait_for(f"innerWidth == {width}")
+            lacking = page.evaluate(f"{_UNFITTING.strip()}({width})")
+            found += [f"{width} pixels, {scheme}: {what}" for what in lacking]
+    return found
+
+
+@pytest.mark.browser
 def test_a_search_finds_a_page_which_a_click_opens(browser: Chromium, address: str) -> None:
     page = browser.open(address)
-    page.evaluate("document.querySelector('.md-search__input').focus()")
-    page.call("Input.insertText", text=_QUERY)
-    links = "document.querySelectorAll('.md-search-result__link')"
-    page.wait_for(f"{links}.length > 0")
+    links = _searched(page, _QUERY)
     texts = page.evaluate(f"[...{links}].map(link => link.innerText)")
     assert any(_QUERY in text for text in texts), texts
     page.evaluate(f"{links}[0].click()")
     page.wait_for(f"location.href !== {address!r} && document.readyState == 'complete'")
     assert page.evaluate(f"document.body.innerText.includes({_QUERY!r})")
     _assert_alone(page, address)
+
+
+def _searched(page: Page, words: str) -> str:
+    """Types into the search, and waits; the expression for the links that it finds."""
+    field = "document.querySelector('.md-search__input')"
+    page.evaluate(f"{field}.focus(), {field}.select()")
+    page.call("Input.insertText", text=words)
+    links = "document.querySelectorAll('.md-search-result__link')"
+    # A link carries the words that its page is to highlight.
+    last = words.lower().split()[-1]
+    page.wait_for(f"[...{links}].some(e => new URL(e).searchParams.get('h')?.includes('{last}'))")
+    return links
+
+
+@pytest.mark.browser
+def test_a_search_for_the_words_of_users_finds_their_page(browser: Chromium, address: str) -> None:
+    config = yaml.safe_load((_REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8"))
+    wanted = [(word, name) for name, words in config["extra"]["search_words"].items()
+              for word in words]  # fmt: skip
+    assert len(wanted) > 10
+    page = browser.open(address)
+    for word, name in [("domain randomization", "randomisation"), *wanted]:
+        links = _searched(page, word)
+        paths = page.evaluate(f"[...{links}].map(link => new URL(link).pathname)")
+        first_three = list(dict.fromkeys(paths))[:3]
+        assert f"/{name}/" in first_three, word
 
 
 def _assert_alone(page: Page, address: str) -> None:

@@ -311,6 +311,22 @@ def test_the_comparison_counts_the_tasks_that_the_planner_plays() -> None:
     assert counts == [(str(len(played)), str(len(domains)), str(len(scored)))]
 
 
+def test_playgrounds_tasks_are_all_but_those_that_its_page_says_it_lacks() -> None:
+    page = _text(_DOCS / "from_playground.md")
+    whole, _, others = page.partition(" It lacks ")[2].partition(", and of the domains above ")
+    lacking = {
+        (domain, task)
+        for domain, task in suite.ALL_TASKS
+        if re.search(rf"\b{domain}\b", whole)
+        or (re.search(rf"\b{domain}", others) and re.search(rf"\b{task}\b", others))
+    }
+    assert ("quadruped", "walk") in lacking
+    assert ("humanoid", "walk") not in lacking
+    told = str(len(suite.ALL_TASKS) - len(lacking))
+    assert re.findall(r"has (\d+) tasks that resemble", page) == [told]
+    assert re.findall(r"Playground: \[(\d+)\]", _text(_DOCS / "comparison.md")) == [told]
+
+
 def test_the_times_of_the_planner_are_those_that_were_measured() -> None:
     rows = json.loads((_RESULTS / "planner.json").read_text(encoding="utf-8"))["rows"]
 

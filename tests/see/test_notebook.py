@@ -1,13 +1,8 @@
-"""Pictures and films in notebooks, and the example notebook."""
+"""Pictures and films in notebooks."""
 
 import base64
-import importlib.util
-import json
-import os
 import re
-import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,18 +11,6 @@ import pytest
 import limberjack
 from limberjack.see.notebook import Shown
 from tests.programs import run
-
-_SOURCE = Path(limberjack.__file__).parents[1]
-_NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
-
-# Executes the notebook and prints it, with its outputs, as JSON.
-_EXECUTE = """
-import sys
-import nbclient, nbformat
-notebook = nbformat.read(sys.argv[1], as_version=4)
-nbclient.NotebookClient(notebook, timeout=240, kernel_name="python3").execute()
-print(nbformat.writes(notebook))
-"""
 
 _PICTURE = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
 
@@ -109,37 +92,3 @@ def test_showing_imports_nothing_of_jupyter() -> None:
         assert not {"IPython", "ipykernel", "imageio_ffmpeg"} & set(sys.modules)
     """
     run(program)
-
-
-@pytest.mark.usefixtures("pictures")
-def test_the_example_notebook_runs_and_shows_a_picture_and_two_films() -> None:
-    missing = [name for name in ("nbclient", "ipykernel") if importlib.util.find_spec(name) is None]
-    if missing:
-        pytest.skip(f"needs the extra 'notebook': {', '.join(missing)} not installed")
-    path = os.pathsep.join(filter(None, [str(_SOURCE), os.environ.get("PYTHONPATH")]))
-    done = subprocess.run(
-        [sys.executable, "-c", _EXECUTE, _NOTEBOOK],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    cells = json.loads(done.stdout)["cells"]
-    shown = ["".join(output["data"]["text/html"]) for cell in cells
-             for output in cell.get("outputs", []) if "data" in output]  # fmt: skip
-    assert [html.split()[0] for html in shown] == ["<img", "<video", "<video"]
-    said = ["".join(output["text"]) for cell in cells
-            for output in cell.get("outputs", []) if output["output_type"] == "stream"]  # fmt: skip
-    assert re.fullmatch(r"40 frames, return \d+\.\d+\n", "".join(said))
-
-
-def test_the_example_notebook_is_committed_with_the_outputs_of_one_execution() -> None:
-    cells = [c for c in json.loads(_NOTEBOOK.read_text())["cells"] if c["cell_type"] == "code"]
-    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
-    outputs = [output for cell in cells for output in cell["outputs"]]
-    shown = ["".join(output["data"]["text/html"]) for output in outputs if "data" in output]
-    assert [html.split()[0] for html in shown] == ["<img", "<video", "<video"]
-    printed = ["".join(output["text"]) for output in outputs if output["output_type"] == "stream"]
-    assert re.fullmatch(r"40 frames, return \d+\.\d+\n", "".join(printed))

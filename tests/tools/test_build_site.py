@@ -20,6 +20,7 @@ _DOCS = _REPOSITORY / "docs"
         ("docs/README.md", "pages.md"),
         ("docs/humanoid.md", "humanoid.md"),
         ("docs/images/suite.png", "images/suite.png"),
+        ("notebooks/first_steps.ipynb", "notebooks/first_steps.ipynb"),
     ],
 )
 def test_a_file_of_the_repository_has_its_path_on_the_site(source: str, path: str) -> None:
