@@ -32,7 +32,7 @@ print(*shown)
 
 # By notebook: a line that it prints, and what its cells show.
 _EXPECTED = {
-    "distractors": ("(40, 6) True", "<img <video"),
+    "distractors": ("(20, 6) True", "<img <video"),
     "first_steps": ("(9,) True", "<img <video <img"),
     "many_tasks": ("(6, 24) (6, 6) [0 0 1 1 2 2]", "<img <video"),
     "train_and_watch": ("mean return", "<img <video"),
