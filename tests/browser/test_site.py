@@ -227,7 +227,7 @@ def test_every_page_fits_a_phone_and_a_laptop_light_and_dark(
 
 
 def _unfitting(page: Page) -> list[str]:
-    """What of a page does not fit, at each width and in both colour schemes."""
+    """Faults in the layout of a page, at each width and in both colour schemes."""
     page.prefer(prefers_reduced_motion="reduce")  # nothing is on its way to its place
     found = []
     for scheme in _SCHEMES:
