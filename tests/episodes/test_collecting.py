@@ -1,7 +1,6 @@
 """Collecting: the same bytes however often it is interrupted and whoever plays."""
 
 import concurrent.futures
-import contextlib
 import dataclasses
 import errno
 import json
@@ -31,7 +30,7 @@ from limberjack.utils import files
 from limberjack.workers import WorkError
 from limberjack.workers.setup import setup_of
 from tests.policies import saved_models
-from tests.workers.killing import kill_workers_of, wait_for
+from tests.workers.killing import is_alive, kill_workers_of, wait_for
 
 from .collected import ARM, PENDULUM, assert_equal, hashes, made, of_64, recipe_for, whole_hashes
 
@@ -394,18 +393,26 @@ def test_a_collection_that_was_killed_continues_to_equal_bytes(files: int, tmp_p
     assert [call["ended"] is None for call in calls] == [True, True, False]
 
 
-# The same with two workers, which write the parts of 10 files and join them.
+# The same with two workers, which write the parts of 10 files and join them: one collection for
+# each line of the input, in a process of its own, which has imported everything.
 _OF_WORKERS = """
-import sys
+import os, sys
 from pathlib import Path
 from limberjack.data import collect
 if __name__ == "__main__":
     out, file_mb = Path(sys.argv[1]), float(sys.argv[2])
-    collect("pendulum", "swingup", "tests.workers.playing:Deadly", range(1280), out=out,
-            time_limit=0.2, workers=2, file_mb=file_mb)
+    for line in sys.stdin:
+        number = os.fork()
+        if not number:
+            collect("pendulum", "swingup", "tests.workers.playing:Deadly", range(1280), out=out,
+                    time_limit=0.2, workers=2, file_mb=file_mb)
+            os._exit(0)
+        print(number, flush=True)
+        print(os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]), flush=True)
 """
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork processes")
 @pytest.mark.parametrize("kills", [2, pytest.param(30, marks=pytest.mark.slow)])
 def test_bytes_are_equal_after_the_process_that_plans_was_killed_at_random_moments(
     kills: int, tmp_path: Path
@@ -413,35 +420,39 @@ def test_bytes_are_equal_after_the_process_that_plans_was_killed_at_random_momen
     file_mb = of_64(PENDULUM) * 128 / 64
     seeds, policy = range(1280), "tests.workers.playing:Deadly"
     _collect(tmp_path / "one", seeds, policy, file_mb=file_mb)
+    whole = whole_hashes(tmp_path / "one")
     root, out = str(Path(__file__).parents[2]), tmp_path / "killed"
     path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
     command = [sys.executable, "-c", _OF_WORKERS, str(out), str(file_mb)]
-    # With a pause in each of the 10 steps of a unit, all 20 units take 3 seconds at least.
+    # With a pause in each of the 10 steps of a unit, for kills within units.
     environment = {**os.environ, "PYTHONPATH": path, "SLOW": "0.03"}
     chance, killed = random.Random(kills), 0
-    while killed < kills:
-        began = len(_calls_of(out))
-        process = subprocess.Popen(command, env=environment)
-        wait_for(lambda: len(_calls_of(out)) > began or process.poll() is not None)  # noqa: B023
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(chance.uniform(0.0, 4.0))
-        if process.poll() is not None:  # it has finished: the next one begins again
-            assert process.returncode == 0
-            assert whole_hashes(out) == whole_hashes(tmp_path / "one")
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
+    with subprocess.Popen(command, env=environment, **pipes) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        while killed < kills:
+            began, more = _files_in(out), chance.randrange(9)
+            process.stdin.write("collect\n")
+            number = int(process.stdout.readline())
+            # So that half-written and joined files are met on slow machines as on fast ones.
+            wait_for(lambda: len(_files_in(out) - began) >= more or not is_alive(number))  # noqa: B023
+            time.sleep(chance.uniform(0.0, 0.4))
+            if is_alive(number):
+                os.kill(number, signal.SIGKILL)
+            if int(process.stdout.readline()) == -signal.SIGKILL:
+                killed += 1
+                continue
+            assert whole_hashes(out) == whole  # it has finished: the next one begins again
             shutil.rmtree(out)
-            continue
-        process.kill()
-        process.wait()
-        killed += 1
+        process.stdin.close()
     _collect(out, seeds, policy, file_mb=file_mb, workers=2)
-    assert whole_hashes(out) == whole_hashes(tmp_path / "one")
+    assert whole_hashes(out) == whole
 
 
-def _calls_of(out: Path) -> list[object]:
-    """The calls that were logged in a folder."""
-    return (
-        json.loads((out / "run.json").read_text())["calls"] if (out / "run.json").exists() else []
-    )
+def _files_in(out: Path) -> set[str]:
+    """The names of the files of episodes, finished or not, and of the log."""
+    return {path.name for path in out.rglob("*") if path.is_file()}
 
 
 def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, whole: dict[str, str]) -> None:
