@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from limberjack.episodes.converting import converted
+from limberjack.utils.files import Hold
 
 
 def _write(folder: Path, text: str) -> None:
@@ -38,3 +39,12 @@ def test_what_is_no_conversion_is_refused(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=f"{name} exists: remove it, or choose another folder"):
             _write(tmp_path / name, "one")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "out"]
+
+
+def test_two_conversions_into_one_folder_at_once_are_refused(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    _write(tmp_path / "out", "one")
+    with Hold(tmp_path / "out"), pytest.raises(ValueError, match="another process writes to"):
+        _write(tmp_path / "out", "two")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out" / "ours").read_text() == "one"

@@ -160,6 +160,11 @@ def test_lerobot_gets_pictures_as_png(drawn: Dataset, tmp_path: Path) -> None:
     found = [np.asarray(Image.open(io.BytesIO(one["bytes"]))) for one in contents]
     seen = np.concatenate([episode.observations["pixels"][:-1] for episode in drawn])
     np.testing.assert_array_equal(found, seen)
+    features = json.loads((tmp_path / "out" / "meta" / "info.json").read_text())["features"]
+    assert features["observation.images.pixels"]["shape"] == [12, 16, 3]
+    numbers = sum(v[0].size for n, v in drawn[0].observations.items() if n != "pixels")
+    assert features["observation.state"]["shape"] == [numbers]
+    assert {len(one) for one in pd.read_parquet(path)["observation.state"]} == {numbers}
 
 
 @pytest.mark.parametrize(

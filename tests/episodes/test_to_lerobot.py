@@ -82,6 +82,18 @@ def test_the_files_say_where_each_episode_is(pendulums: Dataset, tmp_path: Path)
     assert tasks.loc["pendulum swingup", "task_index"] == 0
 
 
+def test_files_beyond_those_of_a_folder_are_in_the_next_one(
+    arms: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.episodes.to_lerobot._PER_CHUNK", 1)
+    to_lerobot(arms, tmp_path / "out")
+    found = pd.read_parquet(tmp_path / "out" / "meta" / "episodes")
+    for number in range(2):
+        assert found[["data/chunk_index", "data/file_index"]].iloc[number].tolist() == [number, 0]
+        frames = pd.read_parquet(tmp_path / "out" / f"data/chunk-00{number}/file-000.parquet")
+        assert frames["episode_index"].tolist() == [number] * 5
+
+
 def test_info_and_statistics_are_those_of_the_dataset(arms: Dataset, tmp_path: Path) -> None:
     to_lerobot(arms, tmp_path / "out")
     meta = tmp_path / "out" / "meta"

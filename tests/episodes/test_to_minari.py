@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.data import Dataset, collect, load
+from limberjack.data import Dataset, Kept, Pixels, collect, load
 
 from .collected import EVERYTHING
 
@@ -89,6 +89,14 @@ def test_the_recovered_environment_repeats_every_episode(
 def test_flat_observations_of_float32_are_repeated_too(to_minari: Any, tmp_path: Path) -> None:
     collect("reacher", "easy", "random", range(2), out=tmp_path, kept=EVERYTHING, time_limit=0.1)
     assert _stepped(tmp_path, to_minari(load(tmp_path), tmp_path, "mine/reach-v3")) == "2 10"
+
+
+def test_faults_are_recovered_and_pictures_are_left_out(to_minari: Any, tmp_path: Path) -> None:
+    kept = Kept(pixels=Pixels(height=8, width=8, quality="fast"))
+    world = {"faults": {"delay": {"observations": 2}, "noise": {"observations": 0.1}}}
+    how = {"kept": kept, "world": world, "time_limit": 0.1}
+    collect("reacher", "easy", "random", range(2), out=tmp_path, **how)
+    assert _stepped(tmp_path, to_minari(load(tmp_path), tmp_path, "mine/late-v0")) == "2 10"
 
 
 def test_an_earlier_conversion_is_replaced_and_another_dataset_is_not(
