@@ -440,9 +440,11 @@ def test_bytes_are_equal_after_the_process_that_plans_was_killed_at_random_momen
             time.sleep(chance.uniform(0.0, 0.4))
             if is_alive(number):
                 os.kill(number, signal.SIGKILL)
-            if int(process.stdout.readline()) == -signal.SIGKILL:
+            status = int(process.stdout.readline())
+            if status == -signal.SIGKILL:
                 killed += 1
                 continue
+            assert status == 0
             assert whole_hashes(out) == whole  # it has finished: the next one begins again
             shutil.rmtree(out)
         process.stdin.close()
