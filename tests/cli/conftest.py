@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,35 @@ def directory(tmp_path: Path) -> Path:
     """A working directory with a module of policies."""
     (tmp_path / "my_policies.py").write_text(POLICY)
     return tmp_path
+
+
+def leave_out_films(patch: pytest.MonkeyPatch) -> None:
+    """Makes films, which take longer than short episodes, lack their packages."""
+
+    def missing(*arguments: object) -> None:
+        raise ImportError("no film in this test")
+
+    patch.setattr("limberjack.see.report.recorder.Film", missing)
+
+
+@pytest.fixture
+def no_films(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the films of one test."""
+    leave_out_films(monkeypatch)
+
+
+@pytest.fixture
+def invoke_there(directory: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """`invoke` in the working directory with the module of policies, which is read again."""
+    monkeypatch.chdir(directory)
+
+    def invoked(*arguments: str, **variables: str) -> Any:
+        monkeypatch.delitem(sys.modules, "my_policies", raising=False)
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        return invoke(*arguments)
+
+    return invoked
 
 
 @pytest.fixture(autouse=True)

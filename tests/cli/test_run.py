@@ -104,6 +104,7 @@ def test_run_writes_result_plot_video_and_report(tmp_path: Path, drawing: bool) 
     assert result.stdout.splitlines()[-len(names) :] == [str(out / name) for name in names]
 
 
+@pytest.mark.usefixtures("no_films")
 def test_run_keeps_the_steps_of_all_episodes_as_a_dataset(tmp_path: Path) -> None:
     assert (
         invoke(*_ARM, "--seeds", "3:5", "--policy", "random", "--out", str(tmp_path)).exit_code == 0
@@ -118,15 +119,16 @@ def test_run_keeps_the_steps_of_all_episodes_as_a_dataset(tmp_path: Path) -> Non
     assert data.replay(dataset) is None
 
 
+@pytest.mark.usefixtures("no_films")
 def test_the_time_limit_of_a_result_is_the_tasks_own_if_none_is_given(tmp_path: Path) -> None:
-    arguments = ["run", "stacker", "stack_2", "--out", "out"]
-    result = call(*arguments, directory=tmp_path, MUJOCO_GL="disable")  # no film: it takes long
-    assert result.returncode == 0, result.stderr
-    content = _result(tmp_path / "out")
+    result = invoke("run", "stacker", "stack_2", "--out", str(tmp_path))
+    assert result.exit_code == 0, result.stderr
+    content = _result(tmp_path)
     assert content["time_limit"] == 10.0
     assert content["episodes"][0]["length"] == 1000
 
 
+@pytest.mark.usefixtures("no_films")
 def test_each_episode_can_be_run_again_alone(tmp_path: Path) -> None:
     arguments = [*_RUN, "--policy", "random"]
     invoke(*arguments, "--seeds", "5:8", "--out", str(tmp_path / "three"))
@@ -206,11 +208,13 @@ def test_a_result_that_cannot_be_written_is_one_line_and_status_2_at_once(tmp_pa
     assert result.stdout == ""
 
 
-def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(tmp_path: Path) -> None:
-    (tmp_path / "my_policies.py").write_text(_BLOCKING)
-    policy = ["--policy", "my_policies:block", "--out", "out"]
-    result = call(*_RUN, *policy, directory=tmp_path, MUJOCO_GL="disable")
-    assert result.returncode == 1
+@pytest.mark.usefixtures("no_films")
+def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(
+    directory: Path, invoke_there: Callable[..., Any]
+) -> None:
+    (directory / "my_policies.py").write_text(_BLOCKING)
+    result = invoke_there(*_RUN, "--policy", "my_policies:block", "--out", "out")
+    assert result.exit_code == 1
     assert re.fullmatch(
         r"limberjack: .*Is a directory: '.*result\.json'", result.stderr.splitlines()[-1]
     )
@@ -272,27 +276,39 @@ def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
     ],
 )
 def test_a_run_that_is_cut_short_keeps_the_finished_episodes(
-    policy: str, status: int, message: str, directory: Path, drawing: bool
+    policy: str,
+    status: int,
+    message: str,
+    directory: Path,
+    drawing: bool,
+    invoke_there: Callable[..., Any],
 ) -> None:
+    is_signal = policy == "Interrupted"  # as a program, which ends by it; without a film
     policy = f"my_policies:{policy}"
     arguments = [*_RUN, "--episodes", "3", "--policy", policy, "--out", "out"]
-    result = call(*arguments, directory=directory)
-    assert result.returncode == status, result.stderr
+    if is_signal:
+        result = call(*arguments, directory=directory, MUJOCO_GL="disable")
+    else:
+        result = invoke_there(*arguments)
+    assert (result.returncode if is_signal else result.exit_code) == status, result.stderr
     assert result.stderr.endswith(message + _LEFT)
     assert "Traceback" not in result.stderr
     assert re.search(rf"^ +0 +\w+ +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
     content = _result(directory / "out")
     assert [episode["seed"] for episode in content["episodes"]] == [0]
     assert content["episodes_asked_for"] == 3
-    names = {*_SHOWN, "parts", "run.json", *(["video.mp4"] if drawing else [])}
+    names = {*_SHOWN, "parts", "run.json", *(["video.mp4"] if drawing and not is_signal else [])}
     assert {path.name for path in (directory / "out").iterdir()} == names
     assert len(list((directory / "out" / "parts").iterdir())) == 1
 
 
-def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory: Path) -> None:
+@pytest.mark.usefixtures("no_films")
+def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(
+    directory: Path, invoke_there: Callable[..., Any]
+) -> None:
     arguments = [*_RUN, "--episodes", "3", "--policy", "my_policies:Broken", "--out", "out"]
-    result = call(*arguments, directory=directory, MUJOCO_GL="disable")  # no film: it takes long
-    assert result.returncode == 1
+    result = invoke_there(*arguments)
+    assert result.exit_code == 1
     assert re.search(
         "^limberjack: policy 'my_policies:Broken', step 4 of the episode with seed 1: KeyError: "
         r"'no such key' \(my_policies\.py, line \d+, in \w+\); 1 of 3 episodes finished; what is ",
@@ -303,48 +319,52 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
     assert len(_result(directory / "out")["episodes"]) == 1
 
 
-def test_a_run_that_is_cut_short_is_continued(directory: Path) -> None:
+@pytest.mark.usefixtures("no_films")
+def test_a_run_that_is_cut_short_is_continued(
+    directory: Path, invoke_there: Callable[..., Any]
+) -> None:
     arguments = [*_RUN, "--episodes", "3", "--policy", "my_policies:Interrupted", "--out", "out"]
-    variables = {"MUJOCO_GL": "disable"}  # no film: it takes long
-    assert call(*arguments, directory=directory, **variables).returncode == 130
-    again = call(*arguments, directory=directory, EPISODE="2", **variables)
-    assert again.returncode == 0, again.stderr
+    assert invoke_there(*arguments).exit_code == 130
+    again = invoke_there(*arguments, EPISODE="2")
+    assert again.exit_code == 0, again.stderr
     logged = json.loads((directory / "out" / "run.json").read_text())["calls"]
     assert [one["episodes"] for one in logged] == [3, 2]
     assert [one["seed"] for one in _result(directory / "out")["episodes"]] == [0, 1, 2]
     whole = [*arguments[:-1], "whole"]
-    assert call(*whole, directory=directory, EPISODE="3", **variables).returncode == 0
+    assert invoke_there(*whole, EPISODE="3").exit_code == 0
     for name in ("dataset.json", "result.json"):
         written = [(directory / folder / name).read_bytes() for folder in ("out", "whole")]
         assert written[0] == written[1]
 
 
+@pytest.mark.usefixtures("no_films")
 def test_a_run_that_ends_in_its_first_episode_leaves_nothing_of_an_earlier_one(
-    directory: Path,
+    directory: Path, invoke_there: Callable[..., Any]
 ) -> None:
     arguments = [*_RUN, "--policy", "my_policies:Interrupted", "--out", "out"]
-    variables = {"MUJOCO_GL": "disable"}
-    assert call(*arguments, directory=directory, EPISODE="1", **variables).returncode == 0
+    assert invoke_there(*arguments, EPISODE="1").exit_code == 0
     assert (directory / "out" / "return.png").exists()
     with (directory / "my_policies.py").open("a") as module:
         module.write("# another policy\n")
-    result = call(*arguments, directory=directory, EPISODE="0", **variables)
-    assert result.returncode == 130
+    result = invoke_there(*arguments, EPISODE="0")
+    assert result.exit_code == 130
     assert "0 of 1 episodes finished" in result.stderr
     left = {path.name for path in (directory / "out").iterdir()}
     assert left == {"result.json", "run.json"}
     assert _result(directory / "out")["episodes"] == []
 
 
-def test_a_policy_that_has_changed_replaces_its_steps(directory: Path) -> None:
+@pytest.mark.usefixtures("no_films")
+def test_a_policy_that_has_changed_replaces_its_steps(
+    directory: Path, invoke_there: Callable[..., Any]
+) -> None:
     arguments = [*_RUN, "--policy", "my_policies:still", "--out", "out"]
-    variables = {"MUJOCO_GL": "disable"}
-    assert call(*arguments, "--episodes", "2", directory=directory, **variables).returncode == 0
+    assert invoke_there(*arguments, "--episodes", "2").exit_code == 0
     before = _result(directory / "out")["episodes"]
     module = directory / "my_policies.py"
     module.write_text(module.read_text().replace("return np.zeros(21)\n", "return np.ones(21)\n"))
-    done = call(*arguments, directory=directory, **variables)
-    assert done.returncode == 0, done.stderr
+    done = invoke_there(*arguments)
+    assert done.exit_code == 0, done.stderr
     (after,) = _result(directory / "out")["episodes"]
     assert after["return"] != before[0]["return"]
     dataset = data.load(directory / "out")
@@ -385,6 +405,7 @@ def _bytes(directory: Path) -> dict[str, bytes]:
     return {str(path): path.read_bytes() for path in directory.rglob("*") if path.is_file()}
 
 
+@pytest.mark.usefixtures("no_films")
 def test_a_folder_with_other_results_is_status_2_and_left_alone(tmp_path: Path) -> None:
     out = ["--out", str(tmp_path / "out")]
     assert invoke(*_RUN, *out).exit_code == 0

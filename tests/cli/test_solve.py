@@ -13,7 +13,7 @@ import pytest
 
 from limberjack import data
 
-from .conftest import invoke
+from .conftest import invoke, leave_out_films
 
 _TASK = ["manipulator", "bring_ball", "--time-limit", "0.05"]
 _SOLVE = ["solve", *_TASK, "--episodes", "3"]
@@ -22,13 +22,9 @@ _PLAYED = {"result.json", "return.png", "video.mp4", "report.html"}
 
 @pytest.fixture(scope="module", autouse=True)
 def _no_films() -> Iterator[None]:
-    """Leaves out the films, which take longer than the episodes; test_run.py has some."""
-
-    def missing(*arguments: object) -> None:
-        raise ImportError("no film in this test")
-
+    """Leaves out the films; test_run.py has some."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("limberjack.see.report.recorder.Film", missing)
+        leave_out_films(patch)
         yield
 
 

@@ -10,9 +10,10 @@ import contextlib
 import shutil
 import socket
 import socketserver
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from .serving import in_a_thread
 
 __all__ = ["ftp_serving"]
 
@@ -134,10 +135,5 @@ def ftp_serving(folder: Path) -> Iterator[str]:
     """The URL of a folder while a server runs in a thread."""
     with _Server(("127.0.0.1", 0), _Client) as server:
         server.root = folder
-        thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
-        thread.start()
-        try:
+        with in_a_thread(server):
             yield f"ftp://127.0.0.1:{server.server_address[1]}"
-        finally:
-            server.shutdown()
-            thread.join()

@@ -6,12 +6,13 @@ import http.server
 import io
 import os
 import re
+import socketserver
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ["Files", "Unlisted", "Whole", "serving"]
+__all__ = ["Files", "Unlisted", "Whole", "in_a_thread", "serving"]
 
 
 class Whole(http.server.SimpleHTTPRequestHandler):
@@ -66,14 +67,20 @@ class _Server(http.server.ThreadingHTTPServer):
 
 
 @contextlib.contextmanager
+def in_a_thread(server: socketserver.BaseServer) -> Iterator[None]:
+    """Lets a server run."""
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        thread.join()
+
+
+@contextlib.contextmanager
 def serving(folder: Path, handler: type[Whole] = Files) -> Iterator[str]:
     """The URL of a folder while a server runs in a thread."""
     made = functools.partial(handler, directory=str(folder))
-    with _Server(("127.0.0.1", 0), made) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}"
-        finally:
-            server.shutdown()
-            thread.join()
+    with _Server(("127.0.0.1", 0), made) as server, in_a_thread(server):
+        yield f"http://127.0.0.1:{server.server_port}"

@@ -10,6 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.mujoco.furnished import add_box
+
 from . import models, twins
 from .drawn_here import DOMAINS as DRAWN_HERE
 from .oracle import BOTH, needs_rendering
@@ -44,8 +46,9 @@ def _played(domain: str, task: str, steps: int = _STEPS) -> Iterator[twins.Twins
         env.theirs.physics.free()
 
 
-@contextmanager
-def _zoo() -> Iterator[list[Any]]:
+@pytest.fixture(scope="module")
+def zoo() -> Iterator[list[Any]]:
+    """The same model in both packages, which tests draw and do not change."""
     twin = [package("mujoco").Physics.from_xml_string(models.ZOO) for package in BOTH]
     try:
         for physics in twin:
@@ -104,18 +107,18 @@ def _compare_first_frames(env: twins.Twins) -> None:
 
 
 def _compare_frames_from_every_camera(env: twins.Twins, of_every_kind: bool) -> None:
-    """Compares colours from each camera, and depth and segmentation, in turn unless of every kind.
+    """Compares depth, segmentation and colours from each camera, in turn unless of every kind.
 
     What of a model is in a picture does not depend on its kind.
     """
     env.play(itertools.islice(env.actions("random", 0), _STEPS))
     model = env.theirs.physics.model
-    cameras = [-1, *range(model.ncam), model.id2name(0, "camera")]
-    in_turn = itertools.cycle(["depth", "segmentation"])
+    cameras = [-1, *range(model.ncam), *([model.id2name(0, "camera")] if of_every_kind else [])]
+    in_turn = itertools.cycle(["depth", "segmentation", "RGB"])
     for camera, kind in [
         (camera, kind)
         for camera in cameras
-        for kind in (_KINDS if of_every_kind else ("RGB", next(in_turn)))
+        for kind in (_KINDS if of_every_kind else (next(in_turn),))
     ]:
         kwargs = {"camera_id": camera, **_SIZE, **_KINDS[kind]}
         frame = _assert_same_frames(_twin(env), env.where, **kwargs)
@@ -148,7 +151,7 @@ _OPTIONS: dict[str, Callable[[Any], dict[str, Any]]] = {
     "transparent": lambda mujoco: {"scene_option": _transparent(mujoco)},
     "one overlay": lambda mujoco: {"overlays": [mujoco.TextOverlay("Title", "Body")]},
     "three overlays": lambda mujoco: {"overlays": _overlays(mujoco)},
-    "a geom more": lambda mujoco: {"scene_callback": _add_box},
+    "a geom more": lambda mujoco: {"scene_callback": add_box},
 }
 _WIREFRAME = mujoco.mjtRndFlag.mjRND_WIREFRAME
 
@@ -170,39 +173,25 @@ def _overlays(package: Any) -> list[Any]:
     ]
 
 
-def _add_box(physics: Any, scene: Any) -> None:
-    scene.ngeom += 1
-    mujoco.mjv_initGeom(
-        scene.geoms[scene.ngeom - 1],
-        mujoco.mjtGeom.mjGEOM_BOX.value,
-        size=np.full(3, 0.2),
-        pos=np.array([0, 0, 0.8]),
-        mat=np.eye(3).flatten(),
-        rgba=np.array([1, 0, 0, 1], np.float32),
-    )
-
-
 @pytest.mark.parametrize("option", _OPTIONS)
-def test_frames_with_options_are_the_same(option: str) -> None:
-    with _zoo() as twin:
-        plain = _assert_same_frames(twin, "zoo", **_SIZE)
-        frames = [
-            physics.render(**_SIZE, **_OPTIONS[option](package("mujoco")))
-            for package, physics in zip(BOTH, twin, strict=True)
-        ]
-        assert_same_pair(frames, option)
-        assert not np.array_equal(frames[1], plain), f"{option} changes nothing"
-        # An option holds for one frame.
-        _assert_same_frames(twin, f"after {option}", **_SIZE)
+def test_frames_with_options_are_the_same(zoo: list[Any], option: str) -> None:
+    plain = _assert_same_frames(zoo, "zoo", **_SIZE)
+    frames = [
+        physics.render(**_SIZE, **_OPTIONS[option](package("mujoco")))
+        for package, physics in zip(BOTH, zoo, strict=True)
+    ]
+    assert_same_pair(frames, option)
+    assert not np.array_equal(frames[1], plain), f"{option} changes nothing"
+    # An option holds for one frame.
+    _assert_same_frames(zoo, f"after {option}", **_SIZE)
 
 
-def test_segmentation_with_frames_of_reference_is_the_same() -> None:
-    with _zoo() as twin:
-        frames = [
-            physics.render(segmentation=True, scene_option=_transparent(package("mujoco")), **_SIZE)
-            for package, physics in zip(BOTH, twin, strict=True)
-        ]
-        assert_same_pair(frames, "segmentation")
+def test_segmentation_with_frames_of_reference_is_the_same(zoo: list[Any]) -> None:
+    frames = [
+        physics.render(segmentation=True, scene_option=_transparent(package("mujoco")), **_SIZE)
+        for package, physics in zip(BOTH, zoo, strict=True)
+    ]
+    assert_same_pair(frames, "segmentation")
 
 
 _REFUSED: list[dict[str, Any]] = [
@@ -218,66 +207,62 @@ _REFUSED: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("kwargs", _REFUSED)
-def test_incompatible_arguments_are_refused_alike(kwargs: dict[str, Any]) -> None:
-    with _zoo() as twin:
-        calls = []
-        for package, physics in zip(BOTH, twin, strict=True):
-            overlays = [package("mujoco").TextOverlay()]
-            arguments = kwargs | ({"overlays": overlays} if "overlays" in kwargs else {})
-            calls.append(functools.partial(physics.render, **arguments))
-        assert assert_same_outcome(calls, f"render({kwargs})") is not None
+def test_incompatible_arguments_are_refused_alike(zoo: list[Any], kwargs: dict[str, Any]) -> None:
+    calls = []
+    for package, physics in zip(BOTH, zoo, strict=True):
+        overlays = [package("mujoco").TextOverlay()]
+        arguments = kwargs | ({"overlays": overlays} if "overlays" in kwargs else {})
+        calls.append(functools.partial(physics.render, **arguments))
+    assert assert_same_outcome(calls, f"render({kwargs})") is not None
 
 
 @pytest.mark.parametrize("camera_id", [-1, 0, "fixed", 1])
-def test_cameras_give_the_same(camera_id: Any) -> None:
-    with _zoo() as twin:
-        cameras = [
-            package("mujoco").Camera(physics, 60, 80, camera_id=camera_id)
-            for package, physics in zip(BOTH, twin, strict=True)
-        ]
-        for kind in _KINDS.values():
-            assert_same_pair((camera.render(**kind).copy() for camera in cameras), f"{kind}")
-        for part in ("image", "focal", "rotation", "translation"):
-            assert_same_pair((getattr(camera.matrices(), part) for camera in cameras), part)
-        assert_same_pair((camera.matrix for camera in cameras), "matrix")
-        for query in ("height", "width"):
-            assert_same_pair((getattr(camera, query) for camera in cameras), query)
-        for place in itertools.product((0.1, 0.5, 0.9), repeat=2):
-            ours, theirs = (camera.select(place) for camera in cameras)
-            assert ours._fields == theirs._fields
-            for field, mine, yours in zip(ours._fields, ours, theirs, strict=True):
-                assert_same(mine, yours, f"select({place}).{field}")
+def test_cameras_give_the_same(zoo: list[Any], camera_id: Any) -> None:
+    cameras = [
+        package("mujoco").Camera(physics, 60, 80, camera_id=camera_id)
+        for package, physics in zip(BOTH, zoo, strict=True)
+    ]
+    for kind in _KINDS.values():
+        assert_same_pair((camera.render(**kind).copy() for camera in cameras), f"{kind}")
+    for part in ("image", "focal", "rotation", "translation"):
+        assert_same_pair((getattr(camera.matrices(), part) for camera in cameras), part)
+    assert_same_pair((camera.matrix for camera in cameras), "matrix")
+    for query in ("height", "width"):
+        assert_same_pair((getattr(camera, query) for camera in cameras), query)
+    for place in itertools.product((0.1, 0.5, 0.9), repeat=2):
+        ours, theirs = (camera.select(place) for camera in cameras)
+        assert ours._fields == theirs._fields
+        for field, mine, yours in zip(ours._fields, ours, theirs, strict=True):
+            assert_same(mine, yours, f"select({place}).{field}")
 
 
-def test_a_camera_keeps_its_own_options() -> None:
-    with _zoo() as twin:
-        cameras = [
-            package("mujoco").Camera(physics, 60, 80)
-            for package, physics in zip(BOTH, twin, strict=True)
-        ]
-        for camera in cameras:
-            camera.option.flags[mujoco.mjtVisFlag.mjVIS_TRANSPARENT] = True
-            camera.scene.flags[_WIREFRAME] = True
-        assert_same_pair((camera.render().copy() for camera in cameras), "options of the camera")
-        _assert_same_frames(twin, "options of one camera are not another's", **_SIZE)
+def test_a_camera_keeps_its_own_options(zoo: list[Any]) -> None:
+    cameras = [
+        package("mujoco").Camera(physics, 60, 80)
+        for package, physics in zip(BOTH, zoo, strict=True)
+    ]
+    for camera in cameras:
+        camera.option.flags[mujoco.mjtVisFlag.mjVIS_TRANSPARENT] = True
+        camera.scene.flags[_WIREFRAME] = True
+    assert_same_pair((camera.render().copy() for camera in cameras), "options of the camera")
+    _assert_same_frames(zoo, "options of one camera are not another's", **_SIZE)
 
 
-def test_a_movable_camera_sees_the_same_from_each_pose() -> None:
+def test_a_movable_camera_sees_the_same_from_each_pose(zoo: list[Any]) -> None:
     poses = [([0, 0, 0.5], 2.0, 30, -20), ([0.3, -0.2, 0.1], 4, -100, -60)]
-    with _zoo() as twin:
-        cameras = [
-            package("mujoco").MovableCamera(physics, 60, 80)
-            for package, physics in zip(BOTH, twin, strict=True)
-        ]
-        for pose in (None, *poses):
-            for camera in cameras:
-                if pose is not None:
-                    camera.set_pose(*pose)
-            ours, theirs = (camera.get_pose() for camera in cameras)
-            assert ours._fields == theirs._fields
-            for field, mine, yours in zip(ours._fields, ours, theirs, strict=True):
-                assert_same(mine, yours, f"pose.{field}")
-            assert_same_pair((camera.render().copy() for camera in cameras), f"{pose}")
+    cameras = [
+        package("mujoco").MovableCamera(physics, 60, 80)
+        for package, physics in zip(BOTH, zoo, strict=True)
+    ]
+    for pose in (None, *poses):
+        for camera in cameras:
+            if pose is not None:
+                camera.set_pose(*pose)
+        ours, theirs = (camera.get_pose() for camera in cameras)
+        assert ours._fields == theirs._fields
+        for field, mine, yours in zip(ours._fields, ours, theirs, strict=True):
+            assert_same(mine, yours, f"pose.{field}")
+        assert_same_pair((camera.render().copy() for camera in cameras), f"{pose}")
 
 
 def test_frames_after_the_model_was_changed_are_the_same() -> None:

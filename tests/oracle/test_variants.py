@@ -7,7 +7,7 @@ is slow, and part of `make test-exactness`.
 
 import functools
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,18 @@ _START_FIELDS = (
 def _in_turn(tasks: Sequence[tuple[str, str]], values: Sequence[Any]) -> list[tuple[Any, ...]]:
     """Each task with one of the values, in turn."""
     return [(*task, value) for task, value in zip(tasks, itertools.cycle(values), strict=False)]
+
+
+@functools.lru_cache(maxsize=1)
+def _loaded(domain: str, task: str) -> twins.Twins:
+    """One environment for the tests that only reset and step it: a task's follow one another."""
+    return twins.load(domain, task)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _unload() -> Iterator[None]:
+    yield
+    _loaded.cache_clear()
 
 
 def _play(env: twins.Twins, kind: str = "random", steps: int = _STEPS) -> None:
@@ -221,7 +233,7 @@ def test_colours_of_a_full_reward_are_the_same(domain: str, task: str) -> None:
 
 @varied_model
 def test_a_reset_in_mid_episode_begins_the_same_episode(domain: str, task: str) -> None:
-    env = twins.load(domain, task)
+    env = _loaded(domain, task)
     for steps in (0, 1, 7, 30):
         _play(env, kind="bang-bang", steps=steps)
         env.assert_same_physics(*_START_FIELDS)
@@ -241,7 +253,7 @@ def test_a_step_before_a_reset_and_after_the_last_step_begins_an_episode(
 
 @every_task
 def test_specs_are_the_same(domain: str, task: str) -> None:
-    env = twins.load(domain, task)
+    env = _loaded(domain, task)
     _assert_same_specs(env)
     env.reset()
     _assert_same_specs(env)
@@ -249,7 +261,7 @@ def test_specs_are_the_same(domain: str, task: str) -> None:
 
 @every_model
 def test_actions_of_every_kind_that_dm_control_takes_act_the_same(domain: str, task: str) -> None:
-    env = twins.load(domain, task)
+    env = _loaded(domain, task)
     env.reset()
     size = env.theirs.action_spec().shape[0]
     action = np.random.RandomState(9).uniform(-1, 1, size)
@@ -268,18 +280,18 @@ def test_actions_of_every_kind_that_dm_control_takes_act_the_same(domain: str, t
 
 @every_task
 def test_many_starts_are_the_same(domain: str, task: str) -> None:
-    env = twins.load(domain, task, seed=123)
+    env = _loaded(domain, task)
     for start in range(_STARTS):
-        env.where = f"{domain}:{task}, seed 123, start {start}"
+        env.where = f"{domain}:{task}, start {start}"
         env.reset()
         env.assert_same_physics(*_START_FIELDS)
 
 
 @every_model
 def test_a_start_after_steps_forgets_them_as_dm_control_does(domain: str, task: str) -> None:
-    env = twins.load(domain, task, seed=42)
+    env = _loaded(domain, task)
     for start in range(10):
-        env.where = f"{domain}:{task}, seed 42, start {start}"
+        env.where = f"{domain}:{task}, start {start} after steps"
         _play(env, kind="bang-bang", steps=3)
         env.reset()
         env.assert_same_physics(*_START_FIELDS)

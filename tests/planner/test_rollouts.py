@@ -7,6 +7,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.planner.rollouts import Budget, Rollouts
+from tests.clocks import Clock
 
 _ROWS, _STEPS = 3, 12
 _FIELDS = ("body_pos", "body_quat")
@@ -112,25 +113,15 @@ def test_rollouts_that_were_loaded_go_on_as_the_state_that_was_saved(task: str) 
         np.testing.assert_array_equal(found[name], expected[name], name)
 
 
-class _Clock:
-    """Stands for `time.perf_counter`, in seconds."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> _Clock:
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """The clock of budgets, set by hand."""
-    made = _Clock()
+    made = Clock()
     monkeypatch.setattr("limberjack.planner.rollouts.time.perf_counter", made)
     return made
 
 
-def test_a_budget_takes_the_most_samples_for_which_there_is_time(clock: _Clock) -> None:
+def test_a_budget_takes_the_most_samples_for_which_there_is_time(clock: Clock) -> None:
     budget = Budget(10, 64)
     budget.begin()
     assert budget.size() == 8  # nothing has been measured
@@ -146,7 +137,7 @@ def test_a_budget_takes_the_most_samples_for_which_there_is_time(clock: _Clock) 
     assert budget.size() == 8
 
 
-def test_a_budget_follows_changes_of_the_time_that_a_sample_takes(clock: _Clock) -> None:
+def test_a_budget_follows_changes_of_the_time_that_a_sample_takes(clock: Clock) -> None:
     budget = Budget(10, 32)
     for _ in range(40):
         budget.begin()

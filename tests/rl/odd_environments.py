@@ -21,6 +21,12 @@ from limberjack.rl import control
 from limberjack.suite import base
 from limberjack.suite.wrappers import action_noise, action_scale
 
+SLIDER = """
+<mujoco>
+  <worldbody><body><joint name="slide" type="slide"/><geom size=".1"/></body></worldbody>
+  <actuator><motor joint="slide" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
 POLE = """
 <mujoco model="pole">
   <option timestep="0.01"/>

@@ -12,12 +12,7 @@ from limberjack.rl import control
 from limberjack.rl.batch_test_utils import BatchEnvironmentTestMixin
 from limberjack.suite import base
 
-_SLIDER = """
-<mujoco>
-  <worldbody><body><joint name="slide" type="slide"/><geom size=".1"/></body></worldbody>
-  <actuator><motor joint="slide" ctrllimited="true" ctrlrange="-1 1"/></actuator>
-</mujoco>
-"""
+from .odd_environments import SLIDER
 
 
 class _Task(base.Task):
@@ -58,7 +53,7 @@ class _Shared(_Task):
 def _result(task: type[_Task]) -> unittest.TestResult:
     class Laws(BatchEnvironmentTestMixin, unittest.TestCase):
         def make_single(self, seed: int) -> control.Environment:
-            physics = mujoco.Physics.from_xml_string(_SLIDER)
+            physics = mujoco.Physics.from_xml_string(SLIDER)
             return control.Environment(physics, task(seed), time_limit=0.02)
 
     result = unittest.TestResult()

@@ -13,16 +13,11 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.randomize import shift, stream_beside
 from limberjack.suite import base
 
+from .odd_environments import SLIDER
+
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 _ROWS, _LIMIT = 3, 6  # rows, and steps in an episode
 _NOT_ENDED = np.nan
-
-_SLIDER = """
-<mujoco>
-  <worldbody><body><joint name="slide" type="slide"/><geom size=".1"/></body></worldbody>
-  <actuator><motor joint="slide" ctrllimited="true" ctrlrange="-1 1"/></actuator>
-</mujoco>
-"""
 
 
 class _Scripted(base.Task):
@@ -45,7 +40,7 @@ class _Scripted(base.Task):
 
 
 def _single(seed: int = 0, **kwargs: Any) -> control.Environment:
-    physics = mujoco.Physics.from_xml_string(_SLIDER)
+    physics = mujoco.Physics.from_xml_string(SLIDER)
     limit = _LIMIT * physics.timestep()
     return control.Environment(physics, _Scripted(seed), time_limit=limit, **kwargs)
 
@@ -187,7 +182,7 @@ class _Counting(_Scripted):
 
 def test_after_step_does_not_reach_the_start_of_the_next_episode() -> None:
     def made(seed: int) -> control.Environment:
-        physics = mujoco.Physics.from_xml_string(_SLIDER)
+        physics = mujoco.Physics.from_xml_string(SLIDER)
         return control.Environment(physics, _Counting(seed), time_limit=3 * physics.timestep())
 
     single, batch = made(0), BatchEnvironment.from_environment(made(0), 2, 1, seed=0)

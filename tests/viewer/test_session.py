@@ -10,32 +10,23 @@ import pytest
 from limberjack import policies, suite, viewer
 from limberjack.rl.control import PhysicsError
 from limberjack.viewer.session import Session, idle
+from tests.clocks import Clock
 from tests.rollouts import run_episode
 
 _INTERVAL = 0.025  # seconds; the humanoid's control step
 _LIMIT = 0.25  # seconds; ten steps
 
 
-class _Clock:
-    """Tells the time that it was set to."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
-def clock() -> _Clock:
-    return _Clock()
+def clock() -> Clock:
+    return Clock()
 
 
 def _load(task: str = "stand", domain: str = "humanoid", time_limit: float = _LIMIT) -> Any:
     return suite.load(domain, task, task_kwargs={"random": 0, "time_limit": time_limit})
 
 
-def _advance(session: Session, clock: _Clock, seconds: float) -> bool:
+def _advance(session: Session, clock: Clock, seconds: float) -> bool:
     clock.now += seconds
     return session.advance()
 
@@ -69,7 +60,7 @@ def test_without_a_seed_the_environment_s_random_stream_goes_on() -> None:
         session.reset()
 
 
-def test_steps_are_taken_when_they_are_due(clock: _Clock) -> None:
+def test_steps_are_taken_when_they_are_due(clock: Clock) -> None:
     session = Session(_load(), clock=clock)
     assert not _advance(session, clock, 0.6 * _INTERVAL)
     assert _advance(session, clock, 0.6 * _INTERVAL)  # the rest is kept
@@ -80,19 +71,19 @@ def test_steps_are_taken_when_they_are_due(clock: _Clock) -> None:
 
 
 @pytest.mark.parametrize(("speed", "steps"), [(0.5, 1), (1.0, 2), (2.0, 4)])
-def test_speed_is_simulated_time_per_time(clock: _Clock, speed: float, steps: int) -> None:
+def test_speed_is_simulated_time_per_time(clock: Clock, speed: float, steps: int) -> None:
     session = Session(_load(), speed=speed, clock=clock)
     _advance(session, clock, 2 * _INTERVAL)
     assert session.status().step == steps
 
 
-def test_lost_time_is_not_caught_up(clock: _Clock) -> None:
+def test_lost_time_is_not_caught_up(clock: Clock) -> None:
     session = Session(_load(time_limit=10), clock=clock)
     _advance(session, clock, 60.0)
     assert session.status().step == 4  # a tenth of a second
 
 
-def test_a_slow_policy_does_not_keep_the_viewer_waiting(clock: _Clock) -> None:
+def test_a_slow_policy_does_not_keep_the_viewer_waiting(clock: Clock) -> None:
     def begin(environment: Any, seed: int) -> Callable[[Any], np.ndarray]:
         def act(time_step: Any) -> np.ndarray:
             clock.now += 1.0
@@ -106,7 +97,7 @@ def test_a_slow_policy_does_not_keep_the_viewer_waiting(clock: _Clock) -> None:
         assert session.status().step == steps
 
 
-def test_pausing_stops_the_clock_and_going_on_does_not_catch_up(clock: _Clock) -> None:
+def test_pausing_stops_the_clock_and_going_on_does_not_catch_up(clock: Clock) -> None:
     session = Session(_load(), clock=clock)
     session.pause()
     assert session.status().paused
@@ -119,7 +110,7 @@ def test_pausing_stops_the_clock_and_going_on_does_not_catch_up(clock: _Clock) -
     assert session.status().step == 1
 
 
-def test_an_episode_ends_at_its_limit_and_the_next_begins(clock: _Clock) -> None:
+def test_an_episode_ends_at_its_limit_and_the_next_begins(clock: Clock) -> None:
     session = Session(_load(), seed=3, clock=clock)
     for _ in range(10):
         _advance(session, clock, _INTERVAL)
