@@ -87,4 +87,4 @@ def test_the_line_that_needs_no_clone_plays_a_policy(program: str, tmp_path: Pat
         here.split(), cwd=tmp_path, capture_output=True, text=True, timeout=_LIMIT, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert "walker" in done.stdout
+    assert re.search(r"^ +0 +9\d\d\.\d+ +1000 *$", done.stdout, re.MULTILINE), done.stdout
