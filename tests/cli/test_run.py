@@ -288,9 +288,11 @@ def test_a_run_that_is_cut_short_keeps_the_finished_episodes(
     arguments = [*_RUN, "--episodes", "3", "--policy", policy, "--out", "out"]
     if is_signal:
         result = call(*arguments, directory=directory, MUJOCO_GL="disable")
+        code = result.returncode
     else:
         result = invoke_there(*arguments)
-    assert (result.returncode if is_signal else result.exit_code) == status, result.stderr
+        code = result.exit_code
+    assert code == status, result.stderr
     assert result.stderr.endswith(message + _LEFT)
     assert "Traceback" not in result.stderr
     assert re.search(rf"^ +0 +\w+ +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
