@@ -94,8 +94,11 @@ def launch(
             Access(find_address(host, port), allow_hosts), title, announce, plans.weigh
         )
     )
-    given = list(policy) if isinstance(policy, list | tuple) else [policy or NO_POLICY]
-    chosen = [*given, PLANNER] if explain else given
+    chosen: list[Act | str] = [PLANNER] if explain else []
+    if isinstance(policy, str) or not isinstance(policy, Sequence):
+        chosen.insert(0, NO_POLICY if policy is None else policy)
+    else:
+        chosen = [*policy, *chosen]
     with contextlib.ExitStack() as stack:
         environment = environment_loader
         if not isinstance(environment, Environment) and callable(environment):
