@@ -292,6 +292,26 @@ def test_the_costs_of_writing_are_those_that_were_measured() -> None:
         assert words in text
 
 
+def test_the_returns_learned_from_datasets_are_those_that_were_measured() -> None:
+    page = (_DOCS / "datasets.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| `(\w+)\.py` \| `(\w+)\.py` \| (\d+) \| ([\d, ]+) \|$", page, re.MULTILINE
+    )
+    content = json.loads((_RESULTS / "from_datasets.json").read_text(encoding="utf-8"))
+    assert rows == [
+        (
+            row["example"],
+            row["dataset"],
+            f"{row['return_of_dataset']:.0f}",
+            ", ".join(f"{mean:.0f}" for mean in row["returns"]),
+        )
+        for row in content["rows"]
+    ]
+    scores = {(row["example"], row["dataset"]): row for row in content["rows"]}
+    learned, cloned = (scores[name, "offline_iql"] for name in ("offline_iql", "behaviour_cloning"))
+    assert min(learned["returns"]) > learned["return_of_dataset"] > max(cloned["returns"])
+
+
 def test_the_time_of_path_searches_is_the_one_that_was_measured() -> None:
     median, most, worst = _results("path_searches.json")
     told = f"up to {median:.1f} ms, 99 % up to {most:.0f} ms, and the longest {worst:.0f} ms"
