@@ -32,6 +32,7 @@ _PARTS = {
     "bridge.json": ("policies/mlp.py", "policies/pretrained/*", *_SIMULATED),
     "classes.json": ("planner", *_SIMULATED),
     "collecting.json": ("episodes", "policies", "workers", *_SIMULATED),
+    "drq/*.csv": ("gym", *_SIMULATED),
     "exactness.json": _SIMULATED,
     "from_datasets.json": ("episodes", "policies", *_SIMULATED),
     "learned/*.json": ("suite/{domain}.*", "policies/mlp.py", "training", "mujoco", "rl"),

@@ -1,4 +1,4 @@
-"""How soon the viewer answers its keys, its panel and the mouse, in a browser with software WebGL.
+"""Delays of the viewer's answers to keys, panel and mouse, in a browser with software WebGL.
 
     python benchmarks/viewer.py [--quick] [--tries N] [--json FILE]
 
@@ -133,7 +133,7 @@ show(Noting(environment, seed=0))
 
 @dataclasses.dataclass(frozen=True)
 class _Scene:
-    """What is viewed."""
+    """View to measure."""
 
     title: str
     task: tuple[str, ...]  # of the suite; none for a box
@@ -196,7 +196,7 @@ class _Viewed:
         self._page.wait_for_frames(_FRAMES)
 
     def _answered(self, what: str, began: float, again: Callable[[], None] = lambda: None) -> float:
-        """When the session did something first after a moment; tries again until then."""
+        """Time at which the session first did something after a moment; tries again until then."""
         end = time.monotonic() + _LIMIT
         while time.monotonic() < end:
             moment = self._moment(what, began)
@@ -207,7 +207,7 @@ class _Viewed:
         raise SystemExit(f"{what}: no answer in {_LIMIT:g} seconds")
 
     def _moment(self, what: str, began: float) -> float | None:
-        """When the session did something first after a moment; None if it has not."""
+        """The time at which the session first did something after a moment; None if it has not."""
         lines = self._noted.read_text().splitlines(keepends=True)
         noted = [line.split() for line in lines if line.endswith("\n")]
         moments = (float(moment) for name, moment in noted if name == what)

@@ -2,6 +2,7 @@
 
 import ast
 import contextlib
+import csv
 import json
 import re
 import statistics
@@ -209,6 +210,22 @@ def test_every_learning_curve_is_of_the_command_that_the_training_page_names(pat
         named = f"limberjack train {result['domain']} {result['task']} --seed {run['seed']}"
         assert run["command"] == named
         assert (run["steps"], run["action_repeat"]) == (settings.steps, settings.action_repeat)
+
+
+def test_the_curve_from_pictures_is_the_one_that_was_measured() -> None:
+    section = (_DOCS / "training.md").read_text("utf-8").partition("## From pictures")[2]
+    section = section.partition("\n## ")[0]
+    file = _RESULTS / "drq" / "cartpole-balance-0.csv"
+    with file.open(encoding="utf-8", newline="") as lines:
+        measured = [
+            f"| {int(line['control_steps']):,} | {float(line['processor_seconds']) / 60:.1f} "
+            f"| {float(line['mean']):.0f} |"
+            for line in csv.DictReader(lines)
+        ]
+    shown = re.findall(r"^\| [\d,]+ \| [\d.]+ \| \d+ \|$", section, re.MULTILINE)
+    assert len(shown) >= 5
+    assert set(shown) <= set(measured)
+    assert (shown[0], shown[-1]) == (measured[0], measured[-1])
 
 
 def _call(code: str, name: str) -> ast.Call:
