@@ -30,6 +30,13 @@ for source in json.loads(sys.argv[1]):
 print(*shown)
 """
 
+# Instead of the parameters: a short run, and two of the twenty evaluations, which take most of it.
+_SHORT = """
+from importlib import import_module
+import_module("limberjack.training.run")._EVALUATIONS = 2
+domain, task, out, steps = "cartpole", "swingup", {folder!r}, 4_800
+"""
+
 # By notebook: a line that it prints, and what its cells show.
 _EXPECTED = {
     "distractors": ("(20, 6) True", "<img <video"),
@@ -54,8 +61,7 @@ def test_a_notebook_runs_from_top_to_bottom_and_shows_pictures(path: Path, tmp_p
     sources = ["".join(cell["source"]) for cell in code]
     for number, cell in enumerate(code):
         if "parameters" in cell["metadata"].get("tags", ()):
-            folder = str(tmp_path / "run")
-            sources[number] = f"domain, task, out, steps = 'cartpole', 'swingup', {folder!r}, 8_000"
+            sources[number] = _SHORT.format(folder=str(tmp_path / "run"))
     # Libraries of training warn of each other.
     printed = run(_EXECUTE, json.dumps(sources), warnings="ignore" if needed else "error")
     line, shown = _EXPECTED[path.stem]
