@@ -109,8 +109,9 @@ def _transitions(dataset: data.Dataset, card: mlp.Card) -> TensorDict:
     firsts = ends - chosen.lengths
     acted = [np.arange(first, end, repeat) for first, end in zip(firsts, ends, strict=True)]
     batch = chosen.transitions(np.concatenate(acted))
+    mean, scale = (np.array(values, np.float32) for values in (card.mean, card.scale))
     before, after = (
-        (mlp.flattened(card.layout, observed) - np.float32(card.mean)) / np.float32(card.scale)
+        (mlp.flattened(card.layout, observed) - mean) / scale
         for observed in (batch.observations, batch.next_observations)
     )
     arrays = {

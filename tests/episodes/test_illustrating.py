@@ -56,7 +56,8 @@ def test_the_median_episode_is_drawn_once_and_changes_no_file_of_episodes(tmp_pa
     assert shown.shape == (240, 320, 3)
     assert shown.std() > 10
     assert (tmp_path / "drawn" / film).read_bytes()[4:8] == b"ftyp"
-    for how in ({}, {"film": False}):
+    unchanged: list[dict[str, Any]] = [{}, {"film": False}]
+    for how in unchanged:
         _collect(tmp_path / "drawn", **how)
         assert _drawn(tmp_path / "drawn") == before
     assert (tmp_path / "drawn" / "README.md").read_text() == card

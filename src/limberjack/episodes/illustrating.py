@@ -44,7 +44,7 @@ def illustrate(directory: Place, make: Make | None = None) -> None:
       OSError: the folder cannot be read, or the card not written.
       ValueError: a file of the dataset is damaged.
     """
-    dataset = load(directory)
+    dataset = load(directory if isinstance(directory, Path) else str(directory))
     manifest = Manifest.read(directory / MANIFEST)
     assert manifest is not None  # `load` has read it
     figures = [shard.figures() for shard in dataset.shards]
