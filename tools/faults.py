@@ -590,7 +590,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        if other.name not in names:", "        if True:"),
         ("    write_card(directory, manifest, figures)\n", ""),
         ("film(dataset, seed, make, out", "film(dataset, seed, None, out"),
-        ("            except _FAILURES as error:", "            except ImportError as error:"),
+        ("        except _FAILURES as error:", "        except ImportError as error:"),
     ],
     "episodes/converting.py": [
         ("    with Hold(folder):\n", "    if True:\n"),

@@ -85,7 +85,7 @@ def test_without_opengl_a_dataset_is_complete_and_one_line_says_that_it_has_no_p
     def failing(*arguments: object) -> None:
         raise RenderingError("OpenGL is not available")
 
-    monkeypatch.setattr(illustrating, "_draw_first", failing)
+    monkeypatch.setattr(illustrating, "_first_picture", failing)
     monkeypatch.setattr(illustrating, "_film", failing)
     out = tmp_path / "out"
     result = invoke(*_PENDULUM, "--seeds", "0:1", "--out", str(out), "--film")

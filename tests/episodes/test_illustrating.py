@@ -68,11 +68,11 @@ def drawings(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The seeds whose episodes are drawn, in files of one byte, without OpenGL."""
     seeds: list[int] = []
 
-    def draw(dataset: object, seed: int, make: object, path: Path) -> None:
+    def draw(dataset: object, seed: int, make: object) -> bytes:
         seeds.append(seed)
-        path.write_bytes(b"1")
+        return b"1"
 
-    monkeypatch.setattr(illustrating, "_draw_first", draw)
+    monkeypatch.setattr(illustrating, "_first_picture", draw)
     monkeypatch.setattr(illustrating, "_film", draw)
     return seeds
 
@@ -105,7 +105,8 @@ def test_a_dataset_at_a_url_has_them_too(drawings: list[int]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fails", "is_there"), [("_draw_first", "There is no picture"), ("_film", "The picture is of")]
+    ("fails", "is_there"),
+    [("_first_picture", "There is no picture"), ("_film", "The picture is of")],
 )
 def test_what_cannot_be_drawn_is_logged_and_left_out(
     fails: str,

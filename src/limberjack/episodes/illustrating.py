@@ -8,7 +8,6 @@ complete without it.
 """
 
 import contextlib
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -52,32 +51,34 @@ def illustrate(directory: Place, make: Make | None = None) -> None:
     names = names_of(seed)
     if all(exists(directory / name) for name in names):
         return
-    with tempfile.TemporaryDirectory() as temporary:
-        for name, draw in zip(names, (_draw_first, _film), strict=True):
-            path = Path(temporary) / name
-            try:
-                draw(dataset, seed, make, path)
-                with filling(directory / name, directory) as partial:
-                    shutil.copyfile(path, partial)
-            except _FAILURES as error:
-                log.warning(NOT_DRAWN, directory, name, error)
+    for name, draw in zip(names, (_first_picture, _film), strict=True):
+        try:
+            content = draw(dataset, seed, make)
+            with filling(directory / name, directory) as partial:
+                partial.write_bytes(content)
+        except _FAILURES as error:
+            log.warning(NOT_DRAWN, directory, name, error)
     for other in named(directory, "median-*"):
         if other.name not in names:  # the median was another episode
             remove(other)
     write_card(directory, manifest, figures)
 
 
-def _draw_first(dataset: Dataset, seed: int, make: Make | None, path: Path) -> None:
-    """Writes the picture of an episode's start."""
+def _first_picture(dataset: Dataset, seed: int, make: Make | None) -> bytes:
+    """The picture of an episode's start, as a PNG."""
     environment, factory = environments_of(dataset.recipe, make)
     environment.close()
     with contextlib.closing(drawable(factory.make, *_SIZE)(seed)) as one:
         one.reset()
         physics = inside(one).physics
         picture = physics.render(*_SIZE, camera_id=first_camera(physics.model))
-    path.write_bytes(png.encode(picture))
+    return png.encode(picture)
 
 
-def _film(dataset: Dataset, seed: int, make: Make | None, path: Path) -> None:
+def _film(dataset: Dataset, seed: int, make: Make | None) -> bytes:
+    """The film of an episode, as an MP4."""
     height, width = _SIZE
-    film(dataset, seed, make, out=path, height=height, width=width)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "film.mp4"
+        film(dataset, seed, make, out=path, height=height, width=width)
+        return path.read_bytes()
