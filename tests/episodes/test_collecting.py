@@ -240,7 +240,7 @@ def test_a_planners_episodes_have_equal_bytes_on_two_workers(tmp_path: Path) -> 
     ways: dict[str, dict[str, Any]] = {"one": {"num_threads": 2}, "two": {"workers": 2}}
     for name, how in ways.items():
         out = tmp_path / name
-        collect(domain, task, "planner", range(62, 64), out=out, time_limit=seconds, **how)
+        collect(domain, task, "planner", range(62, 66), out=out, time_limit=seconds, **how)
     assert whole_hashes(tmp_path / "two") == whole_hashes(tmp_path / "one")
 
 

@@ -107,18 +107,18 @@ def _compare_first_frames(env: twins.Twins) -> None:
 
 
 def _compare_frames_from_every_camera(env: twins.Twins, of_every_kind: bool) -> None:
-    """Compares depth, segmentation and colours from each camera, in turn unless of every kind.
+    """Compares colours from each camera, and depth and segmentation, in turn unless of every kind.
 
     What of a model is in a picture does not depend on its kind.
     """
     env.play(itertools.islice(env.actions("random", 0), _STEPS))
     model = env.theirs.physics.model
-    cameras = [-1, *range(model.ncam), *([model.id2name(0, "camera")] if of_every_kind else [])]
-    in_turn = itertools.cycle(["depth", "segmentation", "RGB"])
+    cameras = [-1, *range(model.ncam), model.id2name(0, "camera")]
+    in_turn = itertools.cycle(["depth", "segmentation"])
     for camera, kind in [
         (camera, kind)
         for camera in cameras
-        for kind in (_KINDS if of_every_kind else (next(in_turn),))
+        for kind in (_KINDS if of_every_kind else ("RGB", next(in_turn)))
     ]:
         kwargs = {"camera_id": camera, **_SIZE, **_KINDS[kind]}
         frame = _assert_same_frames(_twin(env), env.where, **kwargs)
