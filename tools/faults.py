@@ -1031,7 +1031,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    sizes[is_textures] = len(pixels)\n", ""),
         ("return made if _is_like(made, model) else None", "return made"),
         ("        start += part.size\n", "        start += part.size - 1\n"),
-        ("np.frombuffer(mmap.mmap(-1, size), np.uint8)", "np.empty(size, np.uint8)"),
+        ("np.frombuffer(_mapped(size), np.uint8)", "np.empty(size, np.uint8)"),
     ],
     "mujoco/dressing.py": [
         ("_stages[data] = _Stage(model, textures)", "_stages[data] = _Stage(model, {})"),

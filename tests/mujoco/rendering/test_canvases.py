@@ -55,6 +55,26 @@ def test_models_with_different_resources_do_not_share_a_canvas(
     assert len({_context(p) for p in (_physics(), *others)}) == 3
 
 
+def test_models_that_share_a_canvas_are_compared_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[mujoco.MjModel] = []
+    fingerprint = canvases._fingerprint
+
+    def counted(model: mujoco.MjModel, is_changing: bool) -> bytes:
+        compared.append(model)
+        return fingerprint(model, is_changing)
+
+    monkeypatch.setattr(canvases, "_fingerprint", counted)
+    # Their geoms have other numbers.
+    plane, ball = '<geom type="plane" size="1 1 1"/>', '<geom size=".1"/>'
+    both = [
+        Physics.from_xml_string(f"<mujoco><worldbody>{geoms}</worldbody></mujoco>")
+        for geoms in (plane + ball, ball + plane)
+    ]
+    for physics in (*both, *both):
+        physics.render(48, 48)
+    assert compared == [physics.model._model for physics in both]
+
+
 @pytest.mark.parametrize("is_private", [False, True])
 def test_a_geom_that_becomes_a_plane_or_stops_being_one_is_drawn(is_private: bool) -> None:
     physics, other = _physics(), _physics()

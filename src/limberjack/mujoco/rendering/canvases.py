@@ -62,6 +62,13 @@ class _Shared(NamedTuple):
     is_changing: bool  # the fingerprint excludes fields that are uploaded on change
 
 
+class _Drawn(NamedTuple):
+    """What is known of a model that was drawn."""
+
+    key: _Private | _Shared  # of its canvas
+    planes: bytes  # which geoms were planes then; MuJoCo prepares a mesh for each
+
+
 class Canvases:
     """The canvases of recently drawn models, and their backend."""
 
@@ -79,8 +86,8 @@ class Canvases:
         # Least recently used first.
         self._canvases: collections.OrderedDict[_Private | _Shared, _Canvas]
         self._canvases = collections.OrderedDict()
-        self._keys: weakref.WeakKeyDictionary[mujoco.MjModel, _Private | _Shared]
-        self._keys = weakref.WeakKeyDictionary()
+        self._drawn: weakref.WeakKeyDictionary[mujoco.MjModel, _Drawn]
+        self._drawn = weakref.WeakKeyDictionary()
         self._selected: _Canvas | None = None
         self._in_use: tuple[_Canvas, mujoco.MjModel] | None = None
 
@@ -141,12 +148,14 @@ class Canvases:
         when_gone: Callable[..., object] | None,
     ) -> "_Canvas":
         """The model's canvas: private, shared with equal models, or new."""
-        key = self._keys.get(model)
+        drawn, planes = self._drawn.get(model), (model.geom_type == _PLANE).tobytes()
+        key = None if drawn is None else drawn.key
         if when_gone is not None and not isinstance(key, _Private):
             key = _Private()
             weakref.finalize(model, when_gone, self._drop, key).atexit = False
         canvas = None if key is None else self._canvases.get(key)
-        if canvas is not None and not (canvas.has_room(size) and canvas.has_planes_of(model)):
+        is_outdated = drawn is not None and drawn.planes != planes
+        if canvas is not None and (is_outdated or not canvas.has_room(size)):
             # The model's off-screen buffer was enlarged since, or its geoms have other types. A
             # shared canvas stays for others.
             if isinstance(key, _Private):
@@ -159,7 +168,7 @@ class Canvases:
             if canvas is None or canvas.is_changing != is_changing:
                 key, canvas = _Shared(_fingerprint(model, is_changing), is_changing), None
         assert key is not None
-        self._keys[model] = key
+        self._drawn[model] = _Drawn(key, planes)
         if key not in self._canvases:
             self._canvases[key] = self._new_canvas(model, isinstance(key, _Private) or key[1])
         self._canvases.move_to_end(key)
@@ -214,15 +223,10 @@ class _Canvas:
                 f"pixels, which may exceed its limits: {error}"
             ) from error
         self.uploads = uploads.Uploads(model)
-        self._planes = (model.geom_type == _PLANE).tobytes()
 
     def has_room(self, size: tuple[int, int]) -> bool:
         """Whether a picture of this height and width fits into the buffer."""
         return size[0] <= self.mjr.offHeight and size[1] <= self.mjr.offWidth
-
-    def has_planes_of(self, model: mujoco.MjModel) -> bool:
-        """Whether the same geoms are planes, for each of which MuJoCo prepares a mesh."""
-        return (model.geom_type == _PLANE).tobytes() == self._planes
 
     def select(self) -> None:
         """Makes its OpenGL context current."""
