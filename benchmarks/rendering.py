@@ -39,8 +39,8 @@ _FAST = at_least(2.5)
 # Of a batch's rows over bare renders of the same.
 _OF_BARE_ROWS = at_least(0.9)
 # Of a batch's rows over single environments, one after the other, on two cores with a software
-# renderer. With shadows, Mesa occupies both cores with one picture already.
-_OF_LOOP = {"fast": at_least(1.3), "full": None}
+# renderer.
+_OF_LOOP, _QUALITIES = at_least(1.3), ("fast", "full")
 
 _OURS, _BARE, _QUICKER, _DEPTH, _LOOP = "ours", "bare", "fast", "depth", "loop"
 
@@ -127,11 +127,11 @@ def _of_loops(task: tuple[str, str], effort: Effort) -> list[Row]:
     measure, (upper, lower) = _MEASURES[-1]
     count, is_software = effort.many_rows, any(name in _renderer() for name in _SOFTWARE)
     rows = []
-    for quality, bar in _OF_LOOP.items():
+    for quality in _QUALITIES:
         taken = _Loop(task, _SMALL, count, quality).play(max(1, effort.rounds // 5), 1)
         subject = f"{':'.join(task)} {count} x {_SMALL[0]}x{_SMALL[1]} {quality}"
         per_frame = {name: [s / count for s in seconds] for name, seconds in taken.items()}
-        given = per_frame, (upper, lower), bar if is_software else None
+        given = per_frame, (upper, lower), _OF_LOOP if is_software else None
         rows.append(_row(measure, subject, *given))
     return rows
 

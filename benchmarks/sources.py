@@ -43,6 +43,7 @@ _PARTS = {
     "planner.json": ("planner", *_SIMULATED),
     "reach.json": ("suite/manipulator.*", "suite/stacker.*"),
     "reading.json": ("episodes",),
+    "rendering.json": ("mujoco", "suite"),
     "rows.json": ("gym", *_SIMULATED),
     "scaling.json": ("episodes", "evaluation", "policies", "workers", *_SIMULATED),
     "steps_per_second.json": ("gym", *_SIMULATED),

@@ -979,6 +979,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("        self._take_fields(one, row)\n        with", "        with"),
         ("shown[number % len(shown)]", "shown[0]"),
+        ("number % threads)", "0)"),
         (
             "        finally:  # after an error",
             "        except ZeroDivisionError:  # after an error",

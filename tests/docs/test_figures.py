@@ -24,6 +24,7 @@ _SOURCE = Path(limberjack.__file__).parent
 _RESULTS = _REPOSITORY / "benchmarks" / "results"
 _SPEEDS, _SUITE_SPEEDS = _RESULTS / "steps_per_second.json", _RESULTS / "suite_speed.json"
 _BATCHES = _DOCS / "batches.md"
+_SEEING = _DOCS / "seeing.md"
 _PAGES = [_REPOSITORY / "README.md", *sorted(_DOCS.glob("*.md"))]
 _FEWEST_WORDS = 5  # in the place of a picture
 
@@ -128,6 +129,13 @@ def test_the_figures_of_many_tasks_are_those_that_were_measured() -> None:
     assert f"takes {speed['theirs']:.1f} ms." in text
     made = f"made in {making['value']:.1f} s of processor time and {megabytes['value']:.0f} MB"
     assert made in text
+
+
+def test_the_gain_of_drawing_rows_together_is_that_which_was_measured() -> None:
+    rows = json.loads((_RESULTS / "rendering.json").read_text(encoding="utf-8"))["rows"]
+    gains = [row["value"] for row in rows if row["measure"] == "batch / loop"]
+    told = f"are drawn {min(gains):.2f} to {max(gains):.2f} times as fast as by a loop"
+    assert told in " ".join(_text(_SEEING).split())
 
 
 def _messages() -> str:

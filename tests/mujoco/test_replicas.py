@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from limberjack.mujoco import Physics
+from limberjack.mujoco.rendering import thread
 from limberjack.mujoco.simulation import STATE
 from limberjack.rl.contract import PhysicsError
 
@@ -211,7 +212,11 @@ def test_each_row_is_drawn_with_its_own_terrain_in_each_episode() -> None:
 
 
 @_draws
-def test_rows_that_are_prepared_while_others_are_drawn_look_as_when_drawn_alone() -> None:
+@pytest.mark.parametrize("cores", [1, 2])
+def test_pictures_do_not_depend_on_the_number_of_rendering_threads(
+    cores: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(thread, "usable_cores", lambda: cores)
     rows = furnished().replicate(7, 1, ("hfield_data", "geom_rgba"))
     for row in range(7):
         with rows.episode(row) as one:
@@ -297,7 +302,8 @@ def test_the_physics_of_replicas_that_are_freed_is_closed() -> None:
     every = [rows.physics, rows.single, rows.textured]
     if os.environ.get("MUJOCO_GL") != "disable":
         rows.render_rows(None, height=8, width=8)
-        every.append(rows._also_textured)
+        every += rows._also_shown
+        assert len(every) > 3
     rows.free()
     rows.free()
     for physics in every:

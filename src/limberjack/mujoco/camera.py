@@ -441,10 +441,10 @@ def render(
 
 
 # Any: each keyword of `render` has its own type.
-def begin_render(physics: Drawable, given: Mapping[str, Any]) -> Drawing:
-    """The picture that `render` returns, in two steps.
+def begin_render(physics: Drawable, given: Mapping[str, Any], thread: int) -> Drawing:
+    """The picture that `render` returns, in two steps, drawn on one of several threads.
 
-        drawing = begin_render(physics, {"quality": "fast"})
+        drawing = begin_render(physics, {"quality": "fast"}, thread=1)
         next(drawing).start()
         ...                              # the physics must not change
         picture = completed(drawing)
@@ -452,12 +452,13 @@ def begin_render(physics: Drawable, given: Mapping[str, Any]) -> Drawing:
     Args:
       physics: the simulation to draw.
       given: keyword arguments of `render`.
+      thread: number of the rendering thread; see `rendering.prepare`.
     """
     how = {**_KEYWORDS, **given}
     size = checked_size(physics, how["height"], how["width"])
     style = Style.of(**{name: how[name] for name in _OF_STYLE})
     what = view_of(physics, how["camera_id"]), style, how["scene_option"], how["scene_callback"]
-    return _as_new(physics, size, *what)
+    return _as_new(physics, size, *what, thread)
 
 
 def completed(drawing: Drawing) -> np.ndarray:
@@ -476,6 +477,7 @@ def _as_new(
     style: Style,
     scene_option: mujoco.MjvOption | None,
     scene_callback: SceneCallback | None,
+    thread: int = 0,
 ) -> Drawing:
     """The picture of a new camera, whose scene may be one that was used before."""
     model = physics.model._model
@@ -487,7 +489,7 @@ def _as_new(
     )
     scene = _renewed(spares.pop()) if spares and is_reusable else MjvScene(model=physics.model)
     contents = _contents(physics, view, scene_option or _DEFAULT_OPTION)
-    picture = yield from _drawing(physics, scene, style, size, contents, scene_callback)
+    picture = yield from _drawing(physics, scene, style, size, contents, scene_callback, thread)
     if is_reusable and len(spares) < _MOST_SPARE_SCENES:
         spares.append(scene)
     return picture
@@ -536,6 +538,7 @@ def _drawing(
     size: tuple[int, int],
     contents: Contents | None,
     callback: SceneCallback | None,
+    thread: int = 0,
 ) -> Drawing:
     """A picture of a scene, which is updated first; a callback runs in the caller's thread."""
     model, look = physics.model._model, look_of(physics)
@@ -557,7 +560,7 @@ def _drawing(
         what = scene, style, *size, contents
         drawn = stage or model
         is_new = is_new or drawn is stage
-        pending = prepare(drawn, draw, *what, size=size, may_have_changed=is_new)
+        pending = prepare(drawn, draw, *what, size=size, may_have_changed=is_new, thread=thread)
         try:
             yield pending
             raw = pending.result()

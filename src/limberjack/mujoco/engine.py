@@ -549,9 +549,9 @@ class Physics(_control.Physics):
         return type(self).render is Physics.render and "render" not in vars(self)
 
     # Any: each keyword of `render` has its own type.
-    def begin_render(self, given: Mapping[str, Any]) -> camera.Drawing:
+    def begin_render(self, given: Mapping[str, Any], thread: int) -> camera.Drawing:
         """The picture of `render(**given)` in two steps; see `camera.begin_render`."""
-        return camera.begin_render(self, given)
+        return camera.begin_render(self, given, thread)
 
     # Any: as above.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:

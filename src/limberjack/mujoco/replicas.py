@@ -23,6 +23,7 @@ from typing import Any, Generic, NoReturn, Protocol, Self, TypeVar
 import mujoco
 import numpy as np
 
+from limberjack.mujoco import rendering
 from limberjack.mujoco.batch_simulation import BatchSimulation, check_callbacks
 from limberjack.mujoco.camera import Drawing, check_names, completed
 from limberjack.mujoco.simulation import STATE, Call, Fields, Rows, read_field
@@ -50,7 +51,7 @@ class _Physics(SimulatedPhysics, Protocol):
     def can_render_in_parts(self) -> bool: ...
 
     # Any: as of `Physics.render`
-    def begin_render(self, given: Mapping[str, Any]) -> Drawing: ...
+    def begin_render(self, given: Mapping[str, Any], thread: int) -> Drawing: ...
 
     def free(self) -> None: ...
 
@@ -84,6 +85,7 @@ class Replicas(Generic[_P]):
         self.looks: Looks | None = None  # with which rows are drawn; None for that of the model
         self.physics: _P = physics.seen_through(simulation)
         self.single: _P = type(physics).from_model(model.without_textures())
+        self._also_shown: list[_P] = []  # like `textured`, for several pictures at once
         for each in (self.physics, self.single):
             self._set_up(each, physics)
         simulation.forget_arrays = weakref.WeakMethod(self.physics._forget_arrays)
@@ -91,11 +93,6 @@ class Replicas(Generic[_P]):
     @functools.cached_property
     def textured(self) -> _P:
         """Like `single` but with textures, for pictures and for further replication."""
-        return self._new_textured()
-
-    @functools.cached_property
-    def _also_textured(self) -> _P:
-        """Like `textured`, for the row that is prepared while another one is drawn."""
         return self._new_textured()
 
     def _new_textured(self) -> _P:
@@ -185,29 +182,33 @@ class Replicas(Generic[_P]):
         pictures[0] = first
         # Functions of users are called for one row after the other.
         calls = any(kwargs.get(name) for name in ("overlays", "scene_callback"))
-        if len(numbers) > 2 and self.textured.can_render_in_parts and not calls:
-            self._draw_ahead(numbers[1:], kwargs, pictures[1:])
+        if len(numbers) > 1 and self.textured.can_render_in_parts and not calls:
+            self._draw_at_once(numbers[1:], kwargs, pictures[1:])
             return pictures
         for picture, row in zip(pictures[1:], numbers[1:], strict=True):
             picture[...] = self.shown(row).render(**kwargs)
         return pictures
 
     # Any: as of `Physics.render`
-    def _draw_ahead(
+    def _draw_at_once(
         self, rows: Sequence[int], kwargs: Mapping[str, Any], pictures: np.ndarray
     ) -> None:
-        """Draws rows; while one is drawn, the next one is prepared.
+        """Draws rows on all rendering threads while this thread prepares the next one.
 
         Each picture under way has a single simulation to itself until it is complete.
         """
-        shown = (self.textured, self._also_textured)
+        threads = rendering.num_threads()
+        ahead = min(threads, len(rows) - 1)  # rows that are prepared while one is drawn
+        while len(self._also_shown) < ahead:
+            self._also_shown.append(self._new_textured())
+        shown = (self.textured, *self._also_shown[:ahead])
         under_way: collections.deque[tuple[np.ndarray, Drawing]] = collections.deque()
         try:
             for number, (picture, row) in enumerate(zip(pictures, rows, strict=True)):
                 if len(under_way) == len(shown):
                     _complete_first(under_way)
                 one = self._show(row, shown[number % len(shown)])
-                under_way.append((picture, one.begin_render(kwargs)))
+                under_way.append((picture, one.begin_render(kwargs, number % threads)))
                 next(under_way[-1][1]).start()
             while under_way:
                 _complete_first(under_way)
@@ -232,9 +233,11 @@ class Replicas(Generic[_P]):
 
     def free(self) -> None:
         """Frees the simulations; afterwards only `free` itself may be called."""
-        for name in ("physics", "single", "textured", "_also_textured"):
+        for name in ("physics", "single", "textured"):
             if name in vars(self):
                 vars(self)[name].free()
+        for one in vars(self).get("_also_shown", ()):
+            one.free()
         vars(self).clear()
 
     def __getattr__(self, name: str) -> NoReturn:

@@ -187,3 +187,33 @@ os.environ["MUJOCO_GL"] = {mine!r}
 context.free()
 """
     assert "already draws with" in run_script(script)
+
+
+# Makes contexts of a backend and of the one that it is opened again as.
+_AGAIN = """
+from limberjack.mujoco.rendering import backends
+first = backends.open_backend()
+second = backends.opened_again(first)
+if second is not None:
+    assert second._display != first._display
+    assert second.renderer == first.renderer
+    for each in (first, second, first):
+        context = each.create()
+        each.make_current(context)
+        each.make_current(None)
+        each.destroy(context)
+print(first.name, second is None)
+"""
+
+
+@on_linux
+def test_mesa_is_opened_a_second_time(run_script: Callable[..., str]) -> None:
+    if not backends._is_software(backends.open_backend()):
+        pytest.skip("drawn by a graphics card")
+    assert run_script(_AGAIN, MUJOCO_GL="egl") == "egl False\n"
+
+
+@on_linux
+@with_osmesa
+def test_osmesa_is_opened_once(run_script: Callable[..., str]) -> None:
+    assert run_script(_AGAIN, MUJOCO_GL="osmesa") == "osmesa True\n"

@@ -12,8 +12,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco import Camera, Physics
-from limberjack.mujoco.rendering import call, prepare
+from limberjack.mujoco import Camera, Physics, camera
+from limberjack.mujoco.rendering import (
+    Pending,
+    backends,
+    call,
+    canvases,
+    num_threads,
+    prepare,
+    thread,
+)
 
 _MODEL = """
 <mujoco>
@@ -30,7 +38,7 @@ _PRELUDE = f"""
 import os, signal, sys, threading, time
 import numpy as np
 from limberjack.mujoco import Camera, Physics
-from limberjack.mujoco.rendering import RenderingError
+from limberjack.mujoco.rendering import RenderingError, num_threads, thread
 physics = Physics.from_xml_string({_MODEL!r})
 def draw():
     return physics.render(64, 64)
@@ -39,6 +47,7 @@ def draw_rows():
 rows = physics.replicate(6, 1)
 rows.simulation.state[:, 1] = 0.2 * np.arange(6)
 rows.start(np.arange(6))
+thread.usable_cores = lambda: 2
 def status(pid):
     end = time.monotonic() + 60
     while time.monotonic() < end:
@@ -131,7 +140,37 @@ def test_nothing_of_a_call_is_kept() -> None:
     assert gone() is None
 
 
-# Calls that are prepared.
+# Several rendering threads.
+
+
+def _angles() -> list[float]:
+    return [0.2 * k for k in range(6)]
+
+
+def _prepared(physics: Physics, thread: int) -> tuple[camera.Drawing, Pending[np.ndarray]]:
+    drawing = physics.begin_render({"height": 64, "width": 64}, thread)
+    return drawing, next(drawing)
+
+
+def test_every_rendering_thread_draws_the_same() -> None:
+    several = [_turned(angle) for angle in _angles()]
+    expected = [physics.render(64, 64) for physics in several]
+    prepared = [_prepared(physics, k % num_threads()) for k, physics in enumerate(several)]
+    for _, pending in prepared:
+        pending.start()
+    drawn = {thread.name for thread in threading.enumerate() if "rendering" in thread.name}
+    assert drawn == {"limberjack-rendering"}
+    for (drawing, _), frame in zip(prepared, expected, strict=True):
+        np.testing.assert_array_equal(camera.completed(drawing), frame)
+
+
+def test_rendering_threads_do_not_wait_for_one_another() -> None:
+    model, both = _turned(0).model._model, threading.Barrier(2)
+    call(model, lambda _: None)  # opens OpenGL
+    several = [prepare(model, lambda _: both.wait(30), thread=number) for number in (0, 1)]
+    for pending in several:
+        pending.start()
+    assert sorted(pending.result() for pending in several) == [0, 1]
 
 
 def test_a_call_that_was_cancelled_is_not_made() -> None:
@@ -178,8 +217,7 @@ def test_a_drawing_that_is_closed_leaves_no_call_behind() -> None:
     gate = threading.Event()
     blocked = prepare(physics.model._model, lambda _: gate.wait(30))
     blocked.start()
-    drawing = physics.begin_render({"height": 64, "width": 64})
-    pending = next(drawing)
+    drawing, pending = _prepared(physics, 0)
     pending.start()
     drawing.close()
     gate.set()
@@ -188,6 +226,58 @@ def test_a_drawing_that_is_closed_leaves_no_call_behind() -> None:
     assert pending._job._claim.locked()
     assert not pending._job._is_done
     np.testing.assert_array_equal(physics.render(64, 64), frame)
+
+
+@pytest.fixture
+def process(monkeypatch: pytest.MonkeyPatch) -> thread._Process:
+    """A process that has not drawn, with two cores."""
+    process = thread._Process()
+    monkeypatch.setattr(thread, "_process", process)
+    monkeypatch.setattr(thread, "usable_cores", lambda: 2)
+    monkeypatch.delenv("LP_NUM_THREADS", raising=False)
+    return process
+
+
+def test_two_threads_draw_after_the_first_picture_if_there_are_two_backends(
+    process: thread._Process, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = backends.open_backend(), object()
+    sought: list[object] = []
+
+    def opened_again(backend: object) -> object:
+        sought.append(backend)
+        return second
+
+    monkeypatch.setattr(canvases, "opened_again", opened_again)
+    assert num_threads() == 1
+    process._started_thread(0).canvases.backend = first
+    assert (num_threads(), num_threads()) == (2, 2)
+    assert sought == [first]
+    assert process._started_thread(1).canvases.backend is second
+
+
+def test_one_thread_draws_if_there_is_no_second_backend(
+    process: thread._Process, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(canvases, "opened_again", lambda _: None)
+    process._started_thread(0).canvases.backend = backends.open_backend()
+    assert num_threads() == 1
+
+
+@pytest.mark.parametrize(
+    ("limit", "cores", "expected"), [("", 2, 2), ("0", 64, 1), ("1", 2, 1), ("2", 2, 2), ("", 1, 1)]
+)
+def test_rendering_threads_are_limited_by_cores_and_by_mesas_own_limit(
+    limit: str,
+    cores: int,
+    expected: int,
+    process: thread._Process,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process, "num_threads", lambda: 2)
+    monkeypatch.setattr(thread, "usable_cores", lambda: cores)
+    monkeypatch.setenv("LP_NUM_THREADS", limit)
+    assert num_threads() == expected
 
 
 # Interrupts.
@@ -295,7 +385,7 @@ renderer.close()
 
 
 @needs_fork
-def test_a_child_draws_rows_while_its_parent_does(
+def test_a_child_of_several_rendering_threads_draws_rows_on_as_many(
     run_script: Callable[..., str],
 ) -> None:
     script = f"""{_PRELUDE}
@@ -308,7 +398,11 @@ other.start()
 for _ in range(3):
     pid = os.fork()
     if pid == 0:
-        sys.exit(0 if np.array_equal(draw_rows(), frames) else 3)
+        drawn = draw_rows()
+        threads = [each.name for each in threading.enumerate()]
+        is_right = np.array_equal(drawn, frames)
+        is_right = is_right and threads.count("limberjack-rendering") == num_threads()
+        sys.exit(0 if is_right else 3)
     print(status(pid), flush=True)
 is_over = True
 other.join()

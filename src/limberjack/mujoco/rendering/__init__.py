@@ -1,4 +1,4 @@
-"""OpenGL rendering on a dedicated thread: from a scene to an array of pixels."""
+"""OpenGL rendering on dedicated threads: from a scene to an array of pixels."""
 
 from limberjack.mujoco.rendering.backends import RenderingError
 from limberjack.mujoco.rendering.canvases import share_changing
@@ -7,6 +7,7 @@ from limberjack.mujoco.rendering.thread import (
     Pending,
     backend,
     call,
+    num_threads,
     prepare,
     use_device,
 )
@@ -18,6 +19,7 @@ __all__ = [
     "backend",
     "call",
     "contexts",
+    "num_threads",
     "prepare",
     "share_changing",
     "use_device",

@@ -23,7 +23,7 @@ from limberjack.mujoco.rendering.egl import Egl, device_in_environment
 from limberjack.mujoco.rendering.native import RenderingError, UnavailableError, fail
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Backend", "RenderingError", "names", "open_backend"]
+__all__ = ["Backend", "RenderingError", "names", "open_backend", "opened_again"]
 
 _VARIABLE = "MUJOCO_GL"
 # Values of MUJOCO_GL that MuJoCo accepts besides the backends' names.
@@ -104,11 +104,24 @@ def open_backend(
     raise error
 
 
+def opened_again(backend: Backend) -> Backend | None:
+    """A backend that draws at the same time as this one, with equal pixels; None if there is none.
+
+    Only Mesa's software renderer through EGL has one. It needs a thread of its own.
+    """
+    return backend.another() if isinstance(backend, Egl) and _is_software(backend) else None
+
+
+def _is_software(backend: Backend) -> bool:
+    """Whether it is a software renderer of Mesa."""
+    return any(name in backend.renderer for name in _SOFTWARE_RENDERERS)
+
+
 def _reopened(inherited: Backend | None) -> Backend:
     """Mesa's software renderer, through an entry point that the parent process did not use."""
     if inherited is not None:
-        is_software = any(name in inherited.renderer for name in _SOFTWARE_RENDERERS)
-        if not isinstance(inherited, Egl) or inherited.is_surfaceless or not is_software:
+        is_mesa = _is_software(inherited)
+        if not isinstance(inherited, Egl) or inherited.is_surfaceless or not is_mesa:
             fail("not Mesa's software renderer, or already opened again after a fork")
     return Egl(surfaceless=True)
 

@@ -21,7 +21,12 @@ import numpy as np
 
 from limberjack.mujoco.allocating import allocating
 from limberjack.mujoco.rendering import uploads
-from limberjack.mujoco.rendering.backends import Backend, RenderingError, open_backend
+from limberjack.mujoco.rendering.backends import (
+    Backend,
+    RenderingError,
+    open_backend,
+    opened_again,
+)
 
 __all__ = ["Canvases", "share_changing"]
 
@@ -125,6 +130,11 @@ class Canvases:
             self._in_use = outer
             if outer is not None:  # a nested call: return to the outer call's canvas
                 self._select(*outer)
+
+    def another_backend(self) -> Backend | None:
+        """A backend for the canvases of another thread; see `opened_again`."""
+        self._selected = None  # opening makes other contexts current
+        return None if self.backend is None else opened_again(self.backend)
 
     def close(self) -> None:
         """Frees all canvases."""

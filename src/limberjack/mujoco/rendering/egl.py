@@ -8,9 +8,11 @@
 The library is called directly instead of through PyOpenGL; see `backends.py`.
 """
 
+import copy
 import ctypes
 import os
 from collections.abc import Iterator
+from typing import Self
 
 from limberjack.mujoco.rendering import native
 from limberjack.mujoco.rendering.native import RenderingError, fail
@@ -32,12 +34,13 @@ class Egl:
 
     _DEVICE, _SURFACELESS = 0x313F, 0x31DD  # EGL_PLATFORM_DEVICE_EXT, ..._SURFACELESS_MESA
     _OPENGL_API = 0x30A2
+    _NONE = 0x3038  # ends a list of attributes
     _MOST_DEVICES = 64
     # Pairs of an attribute and its minimum: 8 bits each of red, green, blue and alpha, 24 of depth,
     # 8 of stencil; RGB buffers, off-screen surfaces and OpenGL. Ends with EGL_NONE.
     _ATTRIBUTES = (
         *(0x3024, 8, 0x3023, 8, 0x3022, 8, 0x3021, 8, 0x3025, 24, 0x3026, 8),
-        *(0x303F, 0x308E, 0x3033, 0x1, 0x3040, 0x8, 0x3038),
+        *(0x303F, 0x308E, 0x3033, 0x1, 0x3040, 0x8, _NONE),
     )
     _SIGNATURES = {  # noqa: RUF012
         "eglGetProcAddress": "ps",
@@ -68,8 +71,8 @@ class Egl:
         self.is_surfaceless = surfaceless
         wanted = device_in_environment() if device is None else str(device)
         source = VARIABLE if device is None else "device"
-        for display in self._displays(wanted, source):
-            if self._use(display):
+        for platform, place in self._places(wanted, source):
+            if self._use(platform, place):
                 # Makes EGL visible to MuJoCo; only now, so that it cannot find a failing backend.
                 native.load("libEGL.so.1", is_visible=True)
                 return
@@ -89,9 +92,8 @@ class Egl:
         """
         egl = cls.__new__(cls)
         egl._open_library()
-        get_display = egl._extension(*cls._GET_DISPLAY)
-        displays = [get_display(cls._DEVICE, device, None) for device in egl._found_devices()]
-        return [egl.renderer if egl._use(display) else None for display in displays]
+        found = egl._found_devices()
+        return [egl.renderer if egl._use(cls._DEVICE, device) else None for device in found]
 
     def _open_library(self) -> None:
         # NVIDIA's driver needs it for use by several threads.
@@ -102,15 +104,14 @@ class Egl:
         for name, signature in self._SIGNATURES.items():
             native.declare(getattr(self._egl, name), signature)
 
-    def _displays(self, wanted: str | None, source: str) -> Iterator[int | None]:
-        """Displays to try, not yet initialised."""
-        get_display = self._extension(*self._GET_DISPLAY)
+    def _places(self, wanted: str | None, source: str) -> Iterator[tuple[int, int | None]]:
+        """Platforms to try, each with its device."""
         if not self.is_surfaceless:
             for device in self._devices(wanted, source):
-                yield get_display(self._DEVICE, device, None)
+                yield self._DEVICE, device
         if self.is_surfaceless or wanted is None:
             self.is_surfaceless = True
-            yield get_display(self._SURFACELESS, None, None)
+            yield self._SURFACELESS, None
 
     def _devices(self, wanted: str | None, source: str) -> list[int | None]:
         """Devices to try, in the driver's order."""
@@ -134,14 +135,32 @@ class Egl:
             fail("EGL's devices cannot be listed")
         return list(found)[: count.value]
 
-    def _use(self, display: int | None) -> bool:
-        """Adopts the display if it has a working context; returns whether it does."""
+    def another(self) -> Self | None:
+        """A second display of the same device; None if there is none.
+
+        Mesa's software renderer fills the pixels of one picture at a time for each display. A
+        display is found by its attributes, and Mesa tells an empty list of them from no list.
+        """
+        other = copy.copy(self)
+        no_attributes = (ctypes.c_int32 * 1)(self._NONE)
+        if not other._use(*self._place, no_attributes) or other._display == self._display:
+            return None
+        return other
+
+    def _use(
+        self,
+        platform: int,
+        device: int | None,
+        of_display: "ctypes.Array[ctypes.c_int32] | None" = None,
+    ) -> bool:
+        """Adopts a display with these attributes if it has a working context; returns whether."""
+        display = self._extension(*self._GET_DISPLAY)(platform, device, of_display)
         egl, config, count = self._egl, ctypes.c_void_p(), ctypes.c_int32()
         attributes = (ctypes.c_int32 * len(self._ATTRIBUTES))(*self._ATTRIBUTES)
         if not display or not egl.eglInitialize(display, None, None):
             return False
         egl.eglChooseConfig(display, attributes, ctypes.byref(config), 1, ctypes.byref(count))
-        self._display, self._config = display, config
+        self._place, self._display, self._config = (platform, device), display, config
         context = count.value and self.create()
         if not context or not egl.eglMakeCurrent(display, None, None, context):
             return False

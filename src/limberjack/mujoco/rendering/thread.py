@@ -1,13 +1,15 @@
-"""The rendering thread, the only thread of the process that calls OpenGL.
+"""The rendering threads, the only threads of the process that call OpenGL.
 
     picture = call(model, draw, scene, size=(240, 320))    # runs draw(mjr_context, scene) there
-    pending = prepare(model, draw, scene, size=(240, 320))
+    pending = prepare(model, draw, scene, size=(240, 320), thread=1)
     pending.start()
     picture = pending.result()
 
-It starts with the first picture. Any thread may call; calls run one after the other on a dedicated
-thread, so an OpenGL context that is current in the caller's thread stays current. `backends.py`
-opens OpenGL, `canvases.py` manages the resources of models, and `pictures.py` draws pictures.
+The first one starts with the first picture, and draws all but the rows of a batch, which two may
+draw at once. Any thread may call; the calls of a rendering thread run one after the other, so an
+OpenGL context that is current in the caller's thread stays current. Each rendering thread has its
+own canvases and its own backend. `backends.py` opens OpenGL, `canvases.py` manages the resources
+of models, and `pictures.py` draws pictures.
 """
 
 import atexit
@@ -26,8 +28,9 @@ import mujoco
 from limberjack.mujoco import exit_guard
 from limberjack.mujoco.rendering.backends import Backend, RenderingError
 from limberjack.mujoco.rendering.canvases import Canvases
+from limberjack.utils.cores import usable_cores
 
-__all__ = ["Pending", "backend", "call", "prepare", "use_device"]
+__all__ = ["Pending", "backend", "call", "num_threads", "prepare", "use_device"]
 
 # Seconds that the first picture after a fork may take before OpenGL is considered hung.
 _FORK_PATIENCE = 30.0
@@ -122,7 +125,7 @@ class _RenderingThread(threading.Thread):
 
 
 class Pending(Generic[_T]):
-    """A call of a drawing function that the rendering thread is to make.
+    """A call of a drawing function that a rendering thread is to make.
 
     Args:
       job: the call.
@@ -159,10 +162,10 @@ class Pending(Generic[_T]):
 
 
 class _Process:
-    """The rendering thread of this process, managed across forks and at exit."""
+    """The rendering threads of this process, managed across forks and at exit."""
 
     def __init__(self) -> None:
-        self._thread: _RenderingThread | None = None
+        self._threads: list[_RenderingThread] = []
         self._start = threading.Lock()
         self._first_pid = os.getpid()
         self._is_watched = False
@@ -170,10 +173,14 @@ class _Process:
         self._device: int | None = None
         # The backend of the process from which this one was forked.
         self._inherited: Backend | None = None
+        # Of the second thread; None if there is none, or if it was not asked for.
+        self._second: Backend | None = None
+        self._is_second_sought = False
         self._at_fork = threading.local()
 
     def prepared(
         self,
+        number: int,
         model: mujoco.MjModel,
         size: tuple[int, int],
         may_have_changed: bool,
@@ -181,8 +188,9 @@ class _Process:
         function: Callable[..., _T],
         args: tuple[object, ...],
     ) -> Pending[_T]:
-        """A drawing function to run on the rendering thread, which is started if necessary."""
-        thread = self._thread or self._started_thread()
+        """A drawing function to run on a rendering thread, which is started if necessary."""
+        threads = self._threads
+        thread = threads[number] if number < len(threads) else self._started_thread(number)
         if thread.is_hung:
             raise RenderingError(_HUNG)
         may_hang = self._is_forked() and thread.canvases.backend is None
@@ -193,8 +201,18 @@ class _Process:
 
     def backend(self) -> Backend | None:
         """The backend in use; None before the first picture."""
-        thread = self._thread
-        return None if thread is None else thread.canvases.backend
+        threads = self._threads
+        return threads[0].canvases.backend if threads else None
+
+    def num_threads(self) -> int:
+        """The number of threads that draw at the same time; 1 before the first picture."""
+        if self.backend() is None:
+            return 1
+        if not self._is_second_sought:
+            job: _Job[Backend | None] = _Job(self._threads[0].canvases.another_backend)
+            self._second = Pending(job, self._threads[0], -1).result()
+            self._is_second_sought = True
+        return 1 if self._second is None else 2
 
     def use_device(self, number: int | None) -> None:
         """Selects the device, before the first picture."""
@@ -205,22 +223,23 @@ class _Process:
                     "before the first picture"
                 )
             self._device = number
-            if self._thread is not None:
-                self._thread.canvases.device = number
+            for thread in self._threads:
+                thread.canvases.device = number
 
-    def _started_thread(self) -> _RenderingThread:
+    def _started_thread(self, number: int) -> _RenderingThread:
         if self._is_exiting:
             if threading.current_thread().daemon:
                 exit_guard.wait_forever()  # an error would be printed
             raise RenderingError("the interpreter is exiting: nothing can be rendered any more")
         with self._start:
-            if self._thread is None:
+            while len(self._threads) <= number:
                 self._watch()
                 canvases = Canvases(self._is_forked(), self._inherited, self._device)
+                canvases.backend = self._second if self._threads else None
                 thread = _RenderingThread(canvases)
                 thread.start()
-                self._thread = thread
-            return self._thread
+                self._threads.append(thread)
+            return self._threads[number]
 
     def _watch(self) -> None:
         """Registers handlers for forks and for the exit of the process."""
@@ -238,35 +257,37 @@ class _Process:
             )
 
     def _exit(self) -> None:
-        """Frees OpenGL's resources and ends the thread, which would crash the exit inside C."""
+        """Frees OpenGL's resources and ends the threads, which would crash the exit inside C."""
         self._is_exiting = True
-        thread, self._thread = self._thread, None
-        if thread is not None:
+        threads, self._threads = self._threads, []
+        for thread in threads:
             thread.do_call(thread.canvases.close)
             thread.jobs.put(None)
+        for thread in threads:
             thread.join(0 if thread.is_hung else _LONGEST_JOB)
 
     def _before_fork(self) -> None:
-        """Waits for the picture in progress, which the child could not finish."""
-        self._at_fork.busy = None
-        if self._thread is not None:
-            self._at_fork.busy = self._thread.busy
-            self._at_fork.busy.acquire(timeout=_LONGEST_JOB)
+        """Waits for the pictures in progress, which the child could not finish."""
+        self._at_fork.busy = [thread.busy for thread in self._threads]
+        for busy in self._at_fork.busy:
+            busy.acquire(timeout=_LONGEST_JOB)
 
     def _after_fork(self) -> None:
-        if self._at_fork.busy is not None:
+        for busy in self._at_fork.busy:
             # Not acquired, because of Ctrl-C or because a picture takes too long.
             with contextlib.suppress(RuntimeError):
-                self._at_fork.busy.release()
+                busy.release()
 
     def _after_fork_in_child(self) -> None:
         # No other thread exists in the child, whatever locks it held.
         self._start = threading.Lock()
-        thread, self._thread = self._thread, None
-        if thread is not None:
+        self._inherited = self.backend() or self._inherited
+        self._second, self._is_second_sought = None, False
+        threads, self._threads = self._threads, []
+        for thread in threads:
             # Never freed: freeing would act on whatever OpenGL context is current here.
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(thread))
-            self._inherited = thread.canvases.backend or self._inherited
+        if threads:
             _leave_out_exit_handlers()
 
     def _is_forked(self) -> bool:
@@ -300,8 +321,9 @@ def prepare(
     size: tuple[int, int] = (0, 0),
     may_have_changed: bool = True,
     is_private: bool = False,
+    thread: int = 0,
 ) -> Pending[_T]:
-    """The call `function(mjr_context, *args)`, to be made on the rendering thread.
+    """The call `function(mjr_context, *args)`, to be made on a rendering thread.
 
     Until it has ended, or `settle` has, nothing that it uses may be changed.
 
@@ -313,11 +335,12 @@ def prepare(
       may_have_changed: whether to look for changes of the model's height fields, textures and
         meshes since it was last drawn; this takes up to a millisecond.
       is_private: whether to give the model its own context; for functions that change it.
+      thread: number of the rendering thread, below `num_threads()`.
 
     Raises:
       RenderingError: OpenGL is not available.
     """
-    return _process.prepared(model, size, may_have_changed, is_private, function, args)
+    return _process.prepared(thread, model, size, may_have_changed, is_private, function, args)
 
 
 def call(
@@ -328,12 +351,23 @@ def call(
     may_have_changed: bool = True,
     is_private: bool = False,
 ) -> _T:
-    """The result of `function(mjr_context, *args)`, called on the rendering thread.
+    """The result of `function(mjr_context, *args)`, called on the first rendering thread.
 
     If Ctrl-C interrupts the call, the function has finished or was never started. Arguments and
     errors are those of `prepare`.
     """
-    return _process.prepared(model, size, may_have_changed, is_private, function, args).result()
+    how = size, may_have_changed, is_private
+    return _process.prepared(0, model, *how, function, args).result()
+
+
+def num_threads() -> int:
+    """The number of rendering threads that draw several pictures faster than one does.
+
+    That is 2 if Mesa's software renderer draws through EGL on two cores or more, after the first
+    picture; otherwise 1. Mesa's own limit of its threads, LP_NUM_THREADS, is a limit here too.
+    """
+    is_limited = os.environ.get("LP_NUM_THREADS") in ("0", "1")
+    return 1 if is_limited or usable_cores() < 2 else _process.num_threads()
 
 
 def backend() -> Backend | None:
