@@ -719,7 +719,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        plans[1:] += scales", "        plans += scales[:1]"),
         ("(targets - weights @ plan)", "targets"),
     ],
+    "utils/blas.py": [
+        ("_lock, _libraries().limit(limits=1)", "_lock"),
+        ("_lock, _libraries().limit(limits=1)", "_libraries().limit(limits=1)"),
+        ("    _lock = threading.RLock()  # a thread", "    pass  # a thread"),
+    ],
     "policies/mlp.py": [
+        ("with one_thread(), np.errstate", "with np.errstate"),
         (
             "            if os.fstat(file.fileno()).st_size > _MOST_BYTES:\n",
             "            if False:\n",

@@ -16,7 +16,7 @@ import limberjack
 from .source import REPOSITORY, SOURCE
 
 _PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-_CORE = {"dm-env", "gymnasium", "mujoco", "numpy", "rich", "safetensors", "typer"}
+_CORE = {"dm-env", "gymnasium", "mujoco", "numpy", "rich", "safetensors", "threadpoolctl", "typer"}
 
 
 def _name(requirement: str) -> str:

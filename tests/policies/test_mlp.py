@@ -16,6 +16,8 @@ from safetensors import numpy as safetensors_numpy
 
 from limberjack.policies import PolicyError, mlp
 
+from ..programs import run
+
 _LAYOUT = (("orientations", (3, 2)), ("height", ()), ("speed", (2,)))
 _CARD = mlp.Card(
     layout=_LAYOUT,
@@ -448,3 +450,23 @@ print("safetensors" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout.strip() == "False", done.stderr
+
+
+# Prints a hash of the actions of a policy, with as many threads for products as there may be.
+_ACT = """
+import hashlib, os, sys
+os.environ["OPENBLAS_NUM_THREADS"] = sys.argv[1]
+import numpy as np
+from limberjack.policies import mlp
+random = np.random.RandomState(0)
+sizes = [(256, 64), (256, 256), (4, 256)]
+layers = [(random.normal(size=size) / 16, np.zeros(size[0])) for size in sizes]
+card = mlp.Card((("observations", (64,)),), (-1.0,) * 4, (1.0,) * 4)
+actions = mlp.Mlp(layers, card).actions(random.normal(size=(64, 64)))
+print(hashlib.sha256(actions.tobytes()).hexdigest())
+"""
+
+
+def test_actions_do_not_depend_on_the_number_of_cores() -> None:
+    one, several = (run(_ACT, count) for count in ("1", "4"))
+    assert one == several

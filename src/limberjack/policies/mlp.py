@@ -50,6 +50,7 @@ import numpy as np
 import numpy.typing as npt
 
 from limberjack.policies.kinds import PolicyError
+from limberjack.utils.blas import one_thread
 from limberjack.utils.files import open_regular, replacing
 from limberjack.worlds import OPTIONS, World
 
@@ -253,8 +254,9 @@ class Mlp:
     def actions(self, observation: npt.ArrayLike) -> np.ndarray:
         """The actions at flat observations: (..., observations) -> (..., actions), float32.
 
-        A matrix product of another number of rows may round differently. What must be equal bit for
-        bit needs equal shapes; `policies.find` always shows 64 rows.
+        A matrix product of another number of rows may round differently, but not one on another
+        number of cores. What must be equal bit for bit needs equal shapes; `policies.find` always
+        shows 64 rows.
 
         Raises:
           ValueError: the observation has another size.
@@ -266,7 +268,7 @@ class Mlp:
             )
         activation = ACTIVATIONS[self.card.activation]
         # Weights from anyone may overflow; an action that is no number is refused where it is used.
-        with np.errstate(over="ignore", invalid="ignore"):
+        with one_thread(), np.errstate(over="ignore", invalid="ignore"):
             x = self._normalised(x)
             for weight, bias in self.layers[:-1]:
                 x = activation(x @ weight.T + bias)
