@@ -58,6 +58,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (" and imgui.GetIO().KeyShift:", ":"),
     ],
     "viewer/session.py": [
+        ("is_as_it_is = self._is_full and self._look is None", "is_as_it_is = self._look is None"),
+        ("    model.light_castshadow[:] = False\n", ""),
         ("self._seed = seed - self._episodes\n", "self._seed = seed\n"),
         ("            self._episodes -= 1\n", ""),
         (

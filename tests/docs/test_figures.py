@@ -138,6 +138,17 @@ def test_the_gain_of_drawing_rows_together_is_that_which_was_measured() -> None:
     assert told in " ".join(_text(_SEEING).split())
 
 
+def test_the_times_of_the_viewer_are_those_that_were_measured() -> None:
+    rows = json.loads((_RESULTS / "viewer.json").read_text(encoding="utf-8"))["rows"]
+    title = "cartpole swingup, fast"
+    frames = {row["subject"]: row["value"] for row in rows if row["measure"].startswith("a frame")}
+    answers = [row["ours"] for row in rows if row["subject"] == title and row["bar"]]
+    told = f"takes {frames[title]:.0f} ms instead of {frames['cartpole swingup']:.0f}"
+    text = _text(_DOCS / "viewer.md")
+    assert told in text
+    assert f"keys are answered within {max(answers):.0f} ms" in text
+
+
 def _messages() -> str:
     """All texts of the package, those that are made of parts joined as they are printed."""
     texts = []

@@ -506,3 +506,30 @@ def test_the_policies_on_offer_are_those_named_and_the_built_in_ones_that_fit() 
     assert list(found) == ["random", "none", "zero", "planner"]  # no bundled policy
     with pytest.raises(policies.PolicyError, match="pretrained"):
         viewer.offered(environment, ["pretrained"])
+
+
+# Quality.
+
+
+def test_a_fast_view_has_no_shadows_and_leaves_the_model_as_it_is() -> None:
+    environment = suite.load("stacker", "stack_2", {"random": 0})
+    own = environment.physics.model._model
+    session = Session(environment, quality="fast")
+    model = session.copy_model()
+    assert own.light_castshadow.any()
+    assert own.mat_reflectance.any()
+    assert not model.light_castshadow.any()
+    assert not model.mat_reflectance.any()
+    assert (model.vis.quality.shadowsize, model.vis.quality.offsamples) == (0, 0)
+    assert own.vis.quality.shadowsize > 0
+    place = environment.physics.model.name2id("target", "body")
+    before = model.body_pos[place].copy()
+    session.reset()
+    assert session.copy_fields(model) == ["body_pos"]
+    assert (model.body_pos[place] != before).any()
+    assert not model.light_castshadow.any()
+
+
+def test_an_unknown_quality_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match=r"quality is 'quick'; expected 'full' or 'fast'"):
+        Session(suite.load("cartpole", "swingup"), quality="quick")

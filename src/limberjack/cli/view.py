@@ -74,6 +74,13 @@ def _view(
         typer.Option("--explain", help="Show stage, terms and weights of the planner's plans."),
     ] = False,
     speed: Annotated[float, typer.Option(metavar="X", help="Simulated seconds per second.")] = 1.0,
+    quality: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="full, or fast: no shadows and reflections, for browsers without a GPU.",
+        ),
+    ] = "full",
     native: Annotated[
         bool, typer.Option("--native", help="Open a window instead of serving a browser.")
     ] = False,
@@ -102,15 +109,18 @@ def _view(
     middle of their bounds.
     """
     with misuse_reported():
+        from limberjack.mujoco.pictures import check_quality
         from limberjack.policies.built_in import PLANNER
         from limberjack.viewer import Plans, offered
         from limberjack.viewer.session import NO_POLICY
         from limberjack.workers.factories import factory_of
 
+        check_quality(quality)
         where = named_environment(domain, task, env, time_limit)
         factory = factory_of(*where, finite(time_limit), world_named(env, faults, appearance))
         plans = Plans()
         named = {"--env": env, "--faults": faults, "--appearance": appearance}
+        named["--quality"] = None if quality == "full" else quality
         worded = _command_line((domain, task), named, time_limit, explain)
         show = _find_viewer(native, host, port, allow_host or [], factory.title, plans, worded)
         environment = _viewable(factory.make(seed))
@@ -122,7 +132,7 @@ def _view(
                 search_working_directory(name)
             begins = offered(environment, names, plans if explain else None)
     with contextlib.closing(environment):
-        raise typer.Exit(_show(environment, begins, seed, speed, show, plans))
+        raise typer.Exit(_show(environment, begins, seed, speed, quality, show, plans))
 
 
 def _find_viewer(
@@ -196,6 +206,7 @@ def _show(
     begins: "Mapping[str, Begin]",
     seed: int,
     speed: float,
+    quality: str,
     show: "Show",
     plans: "Plans",
 ) -> int:
@@ -206,7 +217,14 @@ def _show(
 
     try:
         with misuse_reported():
-            session = Session(environment, seed=seed, speed=speed, plan=plans.last, policies=begins)
+            session = Session(
+                environment,
+                seed=seed,
+                speed=speed,
+                plan=plans.last,
+                policies=begins,
+                quality=quality,
+            )
         show(session)
     except KeyboardInterrupt:
         return INTERRUPTED

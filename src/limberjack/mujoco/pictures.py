@@ -18,7 +18,7 @@ from limberjack.mujoco.wrapper import MjvScene
 from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Contents", "Overlay", "Style", "draw", "finished"]
+__all__ = ["Contents", "Overlay", "Style", "check_quality", "draw", "finished"]
 
 # Arguments of `mjv_updateScene` before the scene; None is the perturbation.
 Contents = tuple[mujoco.MjModel, mujoco.MjData, mujoco.MjvOption, None, mujoco.MjvCamera, int]
@@ -42,6 +42,14 @@ class Overlay(Protocol):
     def draw(self, context: mujoco.MjrContext, rect: mujoco.MjrRect) -> None:
         """Draws the overlay; called on the rendering thread."""
         ...
+
+
+def check_quality(quality: object) -> None:
+    """Raises ValueError unless it is 'full' or 'fast'."""
+    if not isinstance(quality, str) or quality not in _QUALITIES:
+        raise ValueError(
+            f"quality is {quality!r}; expected 'full' or 'fast'.{did_you_mean(quality, _QUALITIES)}"
+        )
 
 
 class Style(NamedTuple):
@@ -72,11 +80,7 @@ class Style(NamedTuple):
           ValueError: incompatible arguments, or an unknown quality.
         """
         overlays = tuple(overlays)
-        if not isinstance(quality, str) or quality not in _QUALITIES:
-            raise ValueError(
-                f"quality is {quality!r}; expected 'full' or 'fast'."
-                f"{did_you_mean(quality, _QUALITIES)}"
-            )
+        check_quality(quality)
         if depth and segmentation:
             raise ValueError("`depth` and `segmentation` cannot both be true: render twice")
         if overlays and (depth or segmentation):

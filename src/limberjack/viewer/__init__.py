@@ -53,6 +53,7 @@ def launch(
     speed: float = 1.0,
     announce: Callable[[str], object] = print,
     explain: bool = False,
+    quality: str = "full",
 ) -> None:
     """Shows a live environment until the viewer is closed, or Ctrl-C is pressed.
 
@@ -78,6 +79,7 @@ def launch(
       announce: called with the address to open in a browser, which carries the token that lets
         it in.
       explain: show stage, terms and weights of the plans of the policy 'planner', which is offered.
+      quality: 'fast' shows no shadows, reflections and smooth edges, for browsers without a GPU.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.
@@ -105,7 +107,15 @@ def launch(
             environment = stack.enter_context(contextlib.closing(_made(environment, seed)))
         begins = offered(environment, chosen, plans if explain else None)
         stack.enter_context(contextlib.suppress(KeyboardInterrupt))
-        show(Session(environment, seed=seed, speed=speed, plan=plans.last, policies=begins))
+        session = Session(
+            environment,
+            seed=seed,
+            speed=speed,
+            plan=plans.last,
+            policies=begins,
+            quality=quality,
+        )
+        show(session)
 
 
 def in_browsers(

@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.dressing import dressed, look_of
+from limberjack.mujoco.pictures import check_quality
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.control import Environment, PhysicsError
@@ -109,6 +110,13 @@ def idle(environment: Environment, seed: int) -> Act:
     return lambda time_step: action.copy()
 
 
+def _simplify(model: mujoco.MjModel) -> None:
+    """Makes a model quick to draw by viewers that draw it by themselves."""
+    model.light_castshadow[:] = False
+    model.mat_reflectance[:] = 0.0
+    model.vis.quality.shadowsize = model.vis.quality.offsamples = 0
+
+
 class Session:
     """An environment with a clock and a policy; see the module's docstring."""
 
@@ -121,6 +129,7 @@ class Session:
         clock: Callable[[], float] = time.perf_counter,
         plan: Callable[[], Plan | None] = lambda: None,
         policies: Mapping[str, Begin] | None = None,
+        quality: str = "full",
     ) -> None:
         """Begins the first episode.
 
@@ -133,12 +142,16 @@ class Session:
           clock: returns the time in seconds.
           plan: returns the policy's last plan in this episode.
           policies: by name, in the place of `begin`; the first acts until another one is chosen.
+          quality: 'fast' shows the model without shadows, reflections and smooth edges.
 
         Raises:
           TypeError: the environment has no MuJoCo simulation to show.
-          ValueError: the seed or the speed is out of range, or the environment takes no seed.
+          ValueError: the seed or the speed is out of range, the environment takes no seed, or the
+            quality is unknown.
           TypeError: the seed is not a whole number.
         """
+        check_quality(quality)
+        self._is_full = quality == "full"
         self._environment = environment
         self._task = getattr(environment, "task", None)
         _ = self.data  # before anything happens
@@ -386,7 +399,10 @@ class Session:
     def copy_model(self) -> mujoco.MjModel:
         """A copy of the model, for the viewer to keep, in the look of this moment."""
         look = self._look
-        return copy.copy(self.model) if look is None else dressed(look, self.model, self.data)
+        model = copy.copy(self.model) if look is None else dressed(look, self.model, self.data)
+        if not self._is_full:
+            _simplify(model)
+        return model
 
     def copy_fields(self, model: mujoco.MjModel) -> list[str]:
         """Writes the fields that an episode has changed into a viewer's copy; returns their names.
@@ -396,7 +412,8 @@ class Session:
         """
         if self._copied_version == (id(model), self._model_version):
             return []
-        now, changed = self.model if self._look is None else self.copy_model(), []
+        is_as_it_is = self._is_full and self._look is None
+        now, changed = self.model if is_as_it_is else self.copy_model(), []
         for name in dir(now):
             mine = getattr(now, name)
             if isinstance(mine, np.ndarray) and not np.array_equal(getattr(model, name), mine):
