@@ -721,7 +721,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        plans[1:] += scales", "        plans += scales[:1]"),
         ("(targets - weights @ plan)", "targets"),
     ],
-    "utils/blas.py": [
+    "policies/blas.py": [
         ("_lock, _libraries().limit(limits=1)", "_lock"),
         ("_lock, _libraries().limit(limits=1)", "_libraries().limit(limits=1)"),
         ("    _lock = threading.RLock()  # a thread", "    pass  # a thread"),

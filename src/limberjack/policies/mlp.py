@@ -49,8 +49,8 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from limberjack.policies.blas import one_thread
 from limberjack.policies.kinds import PolicyError
-from limberjack.utils.blas import one_thread
 from limberjack.utils.files import open_regular, replacing
 from limberjack.worlds import OPTIONS, World
 

@@ -68,7 +68,7 @@ class _Shared(NamedTuple):
 
 
 class _Drawn(NamedTuple):
-    """What is known of a model that was drawn."""
+    """A model that was drawn, when it was last."""
 
     key: _Private | _Shared  # of its canvas
     planes: bytes  # which geoms were planes then; MuJoCo prepares a mesh for each

@@ -1,4 +1,4 @@
-"""Tests of limberjack.utils.blas."""
+"""Tests of limberjack.policies.blas."""
 
 import os
 import threading
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from limberjack.utils.blas import one_thread
+from limberjack.policies.blas import one_thread
 
 from ..programs import run
 
@@ -56,7 +56,7 @@ def test_a_fork_while_another_thread_multiplies_leaves_the_child_free() -> None:
     program = """
 import os, threading, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # Python advises against forks with threads
-from limberjack.utils.blas import one_thread
+from limberjack.policies.blas import one_thread
 entered, leave = threading.Event(), threading.Event()
 def hold():
     with one_thread():
