@@ -54,7 +54,7 @@ def test_threads_take_turns() -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
 def test_a_fork_while_another_thread_multiplies_leaves_the_child_free() -> None:
     program = """
-import os, threading, warnings
+import os, signal, threading, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # Python advises against forks with threads
 from limberjack.policies.blas import one_thread
 entered, leave = threading.Event(), threading.Event()
@@ -66,6 +66,7 @@ threading.Thread(target=hold).start()
 entered.wait(60)
 pid = os.fork()
 if pid == 0:
+    signal.alarm(30)  # ends a child that waits forever
     with one_thread():
         os._exit(7)
 leave.set()
