@@ -17,40 +17,16 @@ from typing import Any
 import numpy as np
 import torch  # pyright: ignore[reportMissingImports]
 
-from limberjack import data, suite
+from limberjack import data
 from limberjack.episodes.torch_datasets import Sequences
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
-from limberjack.policies.networks import layout_of
 
 _TASK = "walker", "walk"  # that is collected
 _COLLECTED, _HELD_OUT = range(32), 40_000  # seeds, and the first one of those to score
 _BATCH = 256  # actions of the policy
 _HIDDEN = 128
 _LEARNING_RATE = 1e-3
-
-
-def _card(dataset: data.Dataset) -> mlp.Card:
-    """The card of a policy for the dataset's task, which sees normalised observations."""
-    facts = dataset.recipe.facts
-    environment = suite.load(facts["domain"], facts["task"])
-    layout, actions = layout_of(environment), environment.action_spec()
-    observed = dataset.statistics().observations
-    mean, std = (
-        np.concatenate([getattr(observed[name], part).reshape(-1) for name, _ in layout])
-        for part in ("mean", "std")
-    )
-    return mlp.Card(
-        layout,
-        tuple(actions.minimum.tolist()),
-        tuple(actions.maximum.tolist()),
-        action_repeat=facts["action_repeat"],
-        domain=facts["domain"],
-        task=facts["task"],
-        mean=tuple(mean.tolist()),
-        scale=tuple((std + 1e-3).tolist()),  # a number that never changes stays near 0
-        algorithm="behaviour cloning",
-    )
 
 
 def _clone(dataset: data.Dataset, card: mlp.Card, steps: int, seed: int) -> list[mlp.Layer]:
@@ -113,7 +89,7 @@ def main() -> None:
         if not folder.exists():
             data.collect(*_TASK, "pretrained", _COLLECTED, out=folder)
         dataset = data.load(folder)
-        card = _card(dataset)
+        card = dataset.policy_card("behaviour cloning")
         out = given.out or Path(temporary) / "clone.safetensors"
         mlp.save(out, _clone(dataset, card, given.steps, given.seed), card)
         seeds = range(_HELD_OUT, _HELD_OUT + given.episodes)

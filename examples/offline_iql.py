@@ -35,10 +35,9 @@ from torchrl.objectives import (  # pyright: ignore[reportMissingImports]
     SoftUpdate,
 )
 
-from limberjack import data, policies, suite
+from limberjack import data, policies
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
-from limberjack.policies.networks import layout_of
 
 _TASK = "cartpole", "swingup"  # that is collected
 _REPEAT = 4  # control steps per action, as the bundled policy was trained
@@ -78,27 +77,6 @@ class Mixed:
             if stream.uniform() < self._shares[row]:
                 actions[row] = drawn
         return actions
-
-
-def _card(dataset: data.Dataset) -> mlp.Card:
-    """The card of a policy for the dataset's task, which sees normalised observations."""
-    facts = dataset.recipe.facts
-    environment = suite.load(facts["domain"], facts["task"])
-    layout, actions = layout_of(environment), environment.action_spec()
-    observed = dataset.statistics().observations
-    mean, std = (
-        np.concatenate([getattr(observed[name], part).reshape(-1) for name, _ in layout])
-        for part in ("mean", "std")
-    )
-    return mlp.Card(
-        layout,
-        tuple(actions.minimum.tolist()),
-        tuple(actions.maximum.tolist()),
-        action_repeat=facts["action_repeat"],
-        mean=tuple(mean.tolist()),
-        scale=tuple((std + 1e-3).tolist()),  # a number that never changes stays near 0
-        algorithm="IQL",
-    )
 
 
 def _transitions(dataset: data.Dataset, card: mlp.Card) -> TensorDict:
@@ -191,7 +169,7 @@ def main() -> None:
         if not folder.exists():
             data.collect(*_TASK, Mixed, _COLLECTED, out=folder, action_repeat=_REPEAT)
         dataset = data.load(folder)
-        card = _card(dataset)
+        card = dataset.policy_card("IQL")
         out = given.out or Path(temporary) / "iql.safetensors"
         mlp.save(out, _learn(_transitions(dataset, card), card.action_repeat, given.steps), card)
         seeds = range(_HELD_OUT, _HELD_OUT + given.episodes)

@@ -480,6 +480,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        figures.include(of_file)", "        figures = of_file"),
     ],
     "episodes/dataset.py": [
+        ("tuple((deviation + _LEAST_SCALE).tolist())", "tuple(deviation.tolist())"),
         (
             "first, end = k * episodes // n, (k + 1) * episodes // n",
             "first, end = k * (episodes // n), (k + 1) * (episodes // n)",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from limberjack import suite
 from limberjack.data import Batch, Dataset, inform, load, replay
 from limberjack.episodes.parquet import Shard
 from limberjack.episodes.places import Place
@@ -301,3 +302,27 @@ def test_another_file_of_the_same_size_is_found_by_its_hash(
     with pytest.raises(ValueError, match=rf"{path.name} has another SHA-256 than in dataset.json"):
         inform(dataset, verify=True)
     assert inform(pendulums, verify=True).steps == 700
+
+
+# A policy that learns from it.
+
+
+def test_the_card_of_a_policy_is_that_of_the_task_and_the_statistics(pendulums: Dataset) -> None:
+    card = pendulums.policy_card("cloning")
+    environment = suite.load("pendulum", "swingup")
+    spec, observed = environment.action_spec(), pendulums.statistics().observations
+    assert (card.domain, card.task, card.algorithm) == ("pendulum", "swingup", "cloning")
+    assert card.action_repeat == pendulums.recipe.facts["action_repeat"]
+    assert (card.low, card.high) == (tuple(spec.minimum), tuple(spec.maximum))
+    assert card.layout == (("orientation", (2,)), ("velocity", (1,)))
+    mean = [*observed["orientation"].mean, *observed["velocity"].mean]
+    np.testing.assert_array_equal(card.mean, mean)
+    np.testing.assert_array_equal(
+        card.scale, [*observed["orientation"].std + 1e-3, *observed["velocity"].std + 1e-3]
+    )
+    assert pendulums.policy_card("cloning", environment) == card
+
+
+def test_a_card_for_an_environment_with_other_observations_is_refused(pendulums: Dataset) -> None:
+    with pytest.raises(ValueError, match=r"no observation 'position'.*orientation, velocity"):
+        pendulums.policy_card("cloning", suite.load("cartpole", "swingup"))

@@ -24,8 +24,10 @@ import itertools
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
+import dm_env
 import numpy as np
 
+from limberjack import suite
 from limberjack.episodes.column_statistics import Statistics, statistics_of
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.manifest import MANIFEST, File, sha256_of
@@ -45,11 +47,15 @@ from limberjack.episodes.reading import (
 )
 from limberjack.episodes.recipe import OBSERVATION, Column, Recipe
 from limberjack.episodes.statistics import Score, Summary, strata, summarise
+from limberjack.policies import mlp
+from limberjack.policies.networks import layout_of
+from limberjack.rl.action_specs import spec_of
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Dataset", "Information", "inform"]
 
+_LEAST_SCALE = 1e-3  # of observations: a number that never changes stays near 0
 _MOST_CACHED = 2**29  # bytes of episodes that `transitions` has read and keeps
 
 
@@ -298,6 +304,49 @@ class Dataset:
             files = map(self._read, range(len(self.shards)))
             self._statistics = statistics_of(files, recipe, self.lengths)
         return self._statistics
+
+    def policy_card(
+        self, algorithm: str, environment: dm_env.Environment | None = None
+    ) -> mlp.Card:
+        """The card of a policy that learns from this dataset, for `mlp.save`.
+
+        Its observations are normalised by the statistics of the dataset.
+
+        Args:
+          algorithm: that learns, such as 'behaviour cloning'.
+          environment: whose observations and actions the policy has; None for the suite's task.
+
+        Raises:
+          ValueError: the dataset is of no task of the suite, or lacks an observation.
+        """
+        facts = self.recipe.facts
+        if environment is None:
+            if "domain" not in facts:
+                raise ValueError("the dataset is of no task of the suite: pass its environment")
+            environment = suite.load(facts["domain"], facts["task"])
+        layout, actions = layout_of(environment), spec_of(environment)
+        observed = self.statistics().observations
+        for name, _ in layout:
+            if name not in observed:
+                raise ValueError(
+                    f"the dataset has no observation {name!r}, which the environment has; it has: "
+                    f"{', '.join(observed)}"
+                )
+        mean, deviation = (
+            np.concatenate([np.ravel(getattr(observed[name], part)) for name, _ in layout])
+            for part in ("mean", "std")
+        )
+        return mlp.Card(
+            layout,
+            tuple(np.ravel(actions.minimum).tolist()),
+            tuple(np.ravel(actions.maximum).tolist()),
+            action_repeat=facts["action_repeat"],
+            domain=facts.get("domain") or "",
+            task=facts.get("task") or "",
+            mean=tuple(mean.tolist()),
+            scale=tuple((deviation + _LEAST_SCALE).tolist()),
+            algorithm=algorithm,
+        )
 
     def part(self, k: int, n: int) -> "Dataset":
         """The k-th of n parts, counted from 0; their numbers of episodes differ by at most one.
