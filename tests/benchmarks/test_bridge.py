@@ -18,6 +18,7 @@ from benchmarks import bridge_player as player
 from limberjack import policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
+from limberjack.policies.blas import one_thread
 from limberjack.registry import sets
 
 _REPOSITORY = Path(__file__).parents[2]
@@ -60,7 +61,8 @@ def _assert_acts_as_the_package(path: Path) -> None:
         shapes = dict(reference.card.layout)
         observation = {name: 3 * stream.randn(*shape) for name, shape in shapes.items()}
         rows = {name: np.repeat(np.asarray(x)[None], 64, 0) for name, x in observation.items()}
-        action = network.action(observation)
+        with one_thread():  # as `bridge.py` starts the player
+            action = network.action(observation)
         np.testing.assert_array_equal(action, reference.act_batch(rows)[0])
         assert action.dtype == np.float32
 
@@ -101,7 +103,8 @@ def test_the_player_plays_the_episodes_of_evaluate() -> None:
     bundled = {(one.domain, one.task): one.path for one in policies.bundled()}
     network = player.Network(bundled["walker", "walk"])
     begun = player.environments(suite, "walker", "walk", _SEEDS)
-    found = [player.play(environment, network)["return"] for environment in begun]
+    with one_thread():  # as `bridge.py` starts the player
+        found = [player.play(environment, network)["return"] for environment in begun]
     expected = evaluate("walker", "walk", "pretrained", _SEEDS, num_threads=1)
     expected = [score.total for score in expected.scores["pretrained"]]
     # The player adds 1,000 rewards without rounding, `evaluate` with a rounding of 1e-16 each.
