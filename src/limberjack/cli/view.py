@@ -109,13 +109,11 @@ def _view(
     middle of their bounds.
     """
     with misuse_reported():
-        from limberjack.mujoco.pictures import check_quality
         from limberjack.policies.built_in import PLANNER
         from limberjack.viewer import Plans, offered
         from limberjack.viewer.session import NO_POLICY
         from limberjack.workers.factories import factory_of
 
-        check_quality(quality)
         where = named_environment(domain, task, env, time_limit)
         factory = factory_of(*where, finite(time_limit), world_named(env, faults, appearance))
         plans = Plans()

@@ -6,7 +6,7 @@
 NumPy's library of linear algebra (BLAS) divides a product among as many threads as there are cores,
 and each division rounds in its own way. After a product its threads wait for the next one without
 giving up their cores, on which the rows of a batch could be stepped: with a policy's network, two
-cores then step a walker no faster than one.
+cores then step a walker hardly faster than one.
 """
 
 import contextlib

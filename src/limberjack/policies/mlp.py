@@ -28,14 +28,12 @@ Batch normalisation that acts without a batch's statistics is linear, and has no
 `folded` merges it into the layer that follows it. In the actors of CrossQ, of SBX and of
 sb3-contrib, each one precedes a layer; `affine` has its gain and its offset.
 
-It is one idea, and long: a card says how the layers beside it are used, and most of the code checks
-that a file from anyone has both.
-
     layer = mlp.folded(layer, *mlp.affine(mean, var, epsilon, scale, bias))
 
 Layer normalisation and recurrence have no form here; `policies.onnx` plays networks of any form.
 
-The card has more lines than the network. They are one idea: what makes weights a policy.
+It is one idea, and long: a card says how the layers beside it are used, and most of the code checks
+that a file from anyone has both.
 """
 
 import dataclasses

@@ -5,10 +5,11 @@
     backend.make_current(context)
     backend.destroy(context)
 
-All calls must come from the thread of `thread.py`. EGL (see `egl.py`) and OSMesa are called
-directly instead of through PyOpenGL, which supports only one of them per process, selected by an
-environment variable. A backend counts as open only after it has created a working context, because
-MuJoCo looks up OpenGL's functions once per process and caches a failure.
+All calls must come from a thread of `thread.py`, always the same one for a backend. EGL (see
+`egl.py`) and OSMesa are called directly instead of through PyOpenGL, which supports only one of
+them per process, selected by an environment variable. A backend counts as open only after it has
+created a working context, because MuJoCo looks up OpenGL's functions once per process and caches a
+failure.
 """
 
 import ctypes

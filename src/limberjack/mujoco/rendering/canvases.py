@@ -7,7 +7,7 @@ An `MjrContext` holds a model's textures, meshes and buffers. Creating one takes
 and tens of megabytes, so models with equal resources share one. Each has its own OpenGL context,
 because MuJoCo sets some OpenGL state, such as fog, only on creation. Models with the same structure
 whose height fields, textures or meshes change also share one: differences are uploaded before each
-picture. Everything here must run on the rendering thread.
+picture. Everything here must run on one rendering thread.
 """
 
 import collections
