@@ -722,10 +722,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        plans[1:] += scales", "        plans += scales[:1]"),
         ("(targets - weights @ plan)", "targets"),
     ],
+    "utils/turns.py": [
+        ("            os.register_at_fork(after_in_child=self._free)\n", "            pass\n"),
+    ],
     "policies/blas.py": [
-        ("_lock, _libraries().limit(limits=1)", "_lock"),
-        ("_lock, _libraries().limit(limits=1)", "_libraries().limit(limits=1)"),
-        ("    _lock = threading.RLock()  # a thread", "    pass  # a thread"),
+        ("_turn.lock, _libraries().limit(limits=1)", "_turn.lock"),
+        ("_turn.lock, _libraries().limit(limits=1)", "_libraries().limit(limits=1)"),
     ],
     "policies/mlp.py": [
         ("with one_thread(), np.errstate", "with np.errstate"),

@@ -1,6 +1,5 @@
 """Tests of limberjack.policies.blas."""
 
-import os
 import threading
 
 import numpy as np
@@ -8,8 +7,6 @@ import pytest
 from threadpoolctl import ThreadpoolController
 
 from limberjack.policies.blas import one_thread
-
-from ..programs import run
 
 
 def _threads() -> list[int]:
@@ -49,27 +46,3 @@ def test_threads_take_turns() -> None:
         thread.join()
     assert most == [1]
     assert _threads() == before
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
-def test_a_fork_while_another_thread_multiplies_leaves_the_child_free() -> None:
-    program = """
-import os, signal, threading, warnings
-warnings.simplefilter("ignore", DeprecationWarning)  # Python advises against forks with threads
-from limberjack.policies.blas import one_thread
-entered, leave = threading.Event(), threading.Event()
-def hold():
-    with one_thread():
-        entered.set()
-        leave.wait(60)
-threading.Thread(target=hold).start()
-entered.wait(60)
-pid = os.fork()
-if pid == 0:
-    signal.alarm(30)  # ends a child that waits forever
-    with one_thread():
-        os._exit(7)
-leave.set()
-print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
-"""
-    assert run(program) == "7\n"

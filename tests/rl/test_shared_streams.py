@@ -4,6 +4,7 @@ import concurrent.futures
 import contextlib
 import random
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -38,6 +39,21 @@ def test_the_stream_that_is_drawn_from_is_named() -> None:
     assert drawn_from(GLOBAL_STREAMS, random.random) == "the stream of random"
     assert drawn_from(GLOBAL_STREAMS, lambda: None) is None
     assert _states() == before
+
+
+def test_threads_that_use_the_streams_wait_for_each_other() -> None:
+    used = threading.Event()
+
+    def use() -> None:
+        with put_back_after():
+            used.set()
+
+    other = threading.Thread(target=use)
+    with put_back_after():
+        other.start()
+        assert not used.wait(0.2)
+    other.join()
+    assert used.is_set()
 
 
 def test_batches_that_threads_make_at_a_time_are_not_refused_for_each_others_draws() -> None:

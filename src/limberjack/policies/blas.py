@@ -11,15 +11,15 @@ cores then step a walker hardly faster than one.
 
 import contextlib
 import functools
-import os
-import threading
 from collections.abc import Iterator
 
 from threadpoolctl import ThreadpoolController
 
+from limberjack.utils.turns import Turn
+
 __all__ = ["one_thread"]
 
-_lock = threading.RLock()  # the number of threads belongs to the process
+_turn = Turn()  # the number of threads belongs to the process
 
 
 @contextlib.contextmanager
@@ -28,7 +28,7 @@ def one_thread() -> Iterator[None]:
 
     Only one thread can be in it; others wait. Libraries that cannot be limited stay as they are.
     """
-    with _lock, _libraries().limit(limits=1):
+    with _turn.lock, _libraries().limit(limits=1):
         yield
 
 
@@ -36,12 +36,3 @@ def one_thread() -> Iterator[None]:
 def _libraries() -> ThreadpoolController:
     """Those of linear algebra that this process has loaded."""
     return ThreadpoolController().select(user_api="blas")
-
-
-def _after_fork() -> None:
-    global _lock
-    _lock = threading.RLock()  # a thread that had it does not exist in the child
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_after_fork)

@@ -11,14 +11,14 @@ for the other. Draws by other threads of a program are taken for the hook's, and
 import contextlib
 import ctypes
 import functools
-import os
 import pickle
 import random
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from typing import cast
 
 import numpy as np
+
+from limberjack.utils.turns import Turn
 
 __all__ = ["GLOBAL_STREAMS", "drawn_from", "fingerprint", "put_back_after", "state_of"]
 
@@ -32,19 +32,7 @@ GLOBAL_STREAMS: Mapping[str, object] = {
 _BYTES_OF_STATE = (624 + 1) * 4
 
 
-class _Turn:
-    """The lock of the shared streams; a forked process begins with a free one."""
-
-    def __init__(self) -> None:
-        self.lock = threading.RLock()
-        if hasattr(os, "register_at_fork"):  # not on Windows, which does not fork
-            os.register_at_fork(after_in_child=self._free)
-
-    def _free(self) -> None:
-        self.lock = threading.RLock()
-
-
-_TURN = _Turn()
+_TURN = Turn()
 
 
 @contextlib.contextmanager
