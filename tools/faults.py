@@ -60,6 +60,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "viewer/session.py": [
         ("is_as_it_is = self._is_full and self._look is None", "is_as_it_is = self._look is None"),
         ("    model.light_castshadow[:] = False\n", ""),
+        ('data="0")', 'data="1")'),
+        ("            mine[...] = value\n", ""),
+        ("            if mine.shape != value.shape:\n                return None\n", ""),
+        ('("_", "name", "numeric_")', '("_", "numeric_")'),
         ("self._seed = seed - self._episodes\n", "self._seed = seed\n"),
         ("            self._episodes -= 1\n", ""),
         (

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from limberjack import policies, suite, viewer
+from limberjack.mujoco import Physics
+from limberjack.rl import control
 from limberjack.rl.control import PhysicsError
+from limberjack.suite import base
 from limberjack.viewer.session import Session, idle
 from tests.clocks import Clock
 from tests.rollouts import run_episode
 
 _INTERVAL = 0.025  # seconds; the humanoid's control step
 _LIMIT = 0.25  # seconds; ten steps
+_PENDULUM = "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
 
 
 @pytest.fixture
@@ -528,6 +532,55 @@ def test_a_fast_view_has_no_shadows_and_leaves_the_model_as_it_is() -> None:
     assert session.copy_fields(model) == ["body_pos"]
     assert (model.body_pos[place] != before).any()
     assert not model.light_castshadow.any()
+
+
+def test_a_fast_view_tells_studio_to_leave_the_darker_corners_away() -> None:
+    environment = suite.load("quadruped", "escape", {"random": 0})
+    session = Session(environment, quality="fast")
+    model, own = session.copy_model(), session.model
+    assert own.nnumeric == 0
+    assert model.numeric("filament.ao.enabled").data == [0.0]
+    np.testing.assert_array_equal(model.hfield_data, own.hfield_data)
+    for kind, number in (("geom", own.ngeom), ("sensor", own.nsensor), ("material", own.nmat)):
+        for i in range(number):
+            assert getattr(model, kind)(i).name == getattr(own, kind)(i).name
+    session.reset()
+    assert "hfield_data" in session.copy_fields(model)
+    np.testing.assert_array_equal(model.hfield_data, session.model.hfield_data)
+
+
+def test_a_fast_view_of_a_model_that_cannot_be_compiled_again_has_no_shadows() -> None:
+    environment = suite.load("cartpole", "swingup", {"random": 0})
+    session = Session(environment, quality="fast")
+    environment.physics.reload_from_xml_string(_PENDULUM)  # of other sizes
+    model = session.copy_model()
+    assert (model.nnumeric, model.nq) == (0, 1)
+    assert not model.light_castshadow.any()
+    assert model.vis.quality.shadowsize == 0
+
+
+class _Still(base.Task):
+    def get_observation(self, physics: Physics) -> dict[str, Any]:
+        return {"position": physics.position()}
+
+    def get_reward(self, physics: Physics) -> float:
+        return 1.0
+
+
+@pytest.mark.parametrize(
+    ("physics", "flags"),
+    [
+        (Physics.from_xml_string(_PENDULUM), 1),
+        (Physics.from_byte_string(Physics.from_xml_string(_PENDULUM).model.to_bytes()), 0),
+    ],
+)
+def test_a_fast_view_of_a_users_task_has_its_model(physics: Physics, flags: int) -> None:
+    physics.model.geom_rgba[0, 0] = 0.25
+    environment = control.Environment(physics, _Still(0), control_timestep=0.02)
+    model = Session(environment, quality="fast").copy_model()
+    assert model.nnumeric == flags
+    assert model.geom_rgba[0, 0] == 0.25
+    assert model.vis.quality.shadowsize == 0
 
 
 def test_an_unknown_quality_is_refused_by_name() -> None:

@@ -17,11 +17,27 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
-__all__ = ["Recompiler"]
+__all__ = ["Recompiler", "compiled_with"]
 
 _Edit = Callable[[ElementTree.Element], None]
 
 _SMALL = "8"  # pixels of a side of the sky
+
+
+def compiled_with(edit: _Edit, mjcf: str | bytes, assets: Mapping[str, bytes]) -> mujoco.MjModel:
+    """The model of an MJCF with a change.
+
+    Args:
+      edit: changes the parsed MJCF in place.
+      mjcf: the MJCF, which stays as it is.
+      assets: contents of the files it refers to, by name.
+
+    Raises:
+      ValueError: the change is invalid.
+    """
+    root = ElementTree.fromstring(mjcf)
+    edit(root)
+    return mujoco.MjModel.from_xml_string(ElementTree.tostring(root), dict(assets))
 
 
 def _nothing(root: ElementTree.Element) -> None:
@@ -41,9 +57,7 @@ class Recompiler:
         self._nominal = self._compiled(_nothing)
 
     def _compiled(self, edit: _Edit) -> mujoco.MjModel:
-        root = ElementTree.fromstring(self._mjcf)
-        edit(root)
-        return mujoco.MjModel.from_xml_string(ElementTree.tostring(root), self._assets)
+        return compiled_with(edit, self._mjcf, self._assets)
 
     def names(self, edits: Iterable[_Edit]) -> tuple[str, ...]:
         """The fields in which the model with one of the changes differs from the nominal one.

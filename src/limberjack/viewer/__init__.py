@@ -79,7 +79,8 @@ def launch(
       announce: called with the address to open in a browser, which carries the token that lets
         it in.
       explain: show stage, terms and weights of the plans of the policy 'planner', which is offered.
-      quality: 'fast' shows no shadows, reflections and smooth edges, for browsers without a GPU.
+      quality: 'fast' shows no shadows, reflections, darkened corners and smooth edges, for
+          browsers without a GPU.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.

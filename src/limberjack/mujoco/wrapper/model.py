@@ -97,7 +97,7 @@ class MjModel(CopyOnWrite):
         self.__init__(state)
 
     def __copy__(self) -> "MjModel":
-        return type(self)(self._shared or copy_of(self._model))
+        return type(self)(self._shared or copy_of(self._model), self._mjcf)
 
     def without_textures(self) -> "MjModel":
         """An equivalent model for simulation that takes a hundredth of the memory."""
@@ -133,7 +133,7 @@ class MjModel(CopyOnWrite):
         with allocating("a model compiled from its files", size):
             model = mujoco.MjModel.from_xml_string(text, assets or {})
         _last_compiled["model"] = model
-        return cls(model)
+        return cls(model, (xml_string, assets or {}))
 
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> "MjModel":

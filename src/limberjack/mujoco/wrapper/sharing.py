@@ -20,7 +20,9 @@ import mujoco
 from limberjack.mujoco.allocating import copy_of
 from limberjack.mujoco.wrapper.textures import without_textures
 
-__all__ = ["CopyOnWrite", "SharedModel", "compiled", "drop_unused"]
+__all__ = ["CopyOnWrite", "Mjcf", "SharedModel", "compiled", "drop_unused"]
+
+Mjcf = tuple[str | bytes, dict[str, bytes]]  # with contents of the files it refers to, by name
 
 _MOST_KEPT = 128 * 2**20  # bytes; total size of the cached models
 # Types that cannot be changed in place, so returning them needs no copy.
@@ -33,8 +35,7 @@ class SharedModel:
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
         self.checksums: dict[tuple[str, ...], dict[str, int]] = {}  # of `model_values`
-        # The MJCF and the files it refers to, if it was compiled from them.
-        self.mjcf: tuple[str | bytes, dict[str, bytes]] | None = None
+        self.mjcf: Mjcf | None = None  # if it was compiled from one
 
     @functools.cached_property
     def light(self) -> mujoco.MjModel:
@@ -58,9 +59,11 @@ class CopyOnWrite:
     _model: mujoco.MjModel
     _shared: SharedModel | None  # None once the wrapper has its own copy
     _is_lent: bool  # whether user code may change height fields, textures or meshes unnoticed
+    _mjcf: Mjcf | None  # that it was compiled from; changes since are not in it
 
-    def __init__(self, model: mujoco.MjModel | SharedModel) -> None:
+    def __init__(self, model: mujoco.MjModel | SharedModel, mjcf: Mjcf | None = None) -> None:
         shared = model if isinstance(model, SharedModel) else None
+        object.__setattr__(self, "_mjcf", mjcf if shared is None else shared.mjcf)
         object.__setattr__(self, "_shared", shared)
         object.__setattr__(self, "_is_lent", shared is None)
         object.__setattr__(self, "_model", model if shared is None else shared.model)
