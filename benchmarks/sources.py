@@ -35,6 +35,7 @@ _PARTS = {
     "drq/*.csv": ("gym", *_SIMULATED),
     "exactness.json": _SIMULATED,
     "from_datasets.json": ("episodes", "policies", *_SIMULATED),
+    "installing.json": ("policies/pretrained/*",),
     "learned/*.json": ("suite/{domain}.*", "policies/mlp.py", "training", "mujoco", "rl"),
     "many.json": ("gym", *_SIMULATED),
     "optimisers.json": ("planner", *_SIMULATED),

@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import csv
+import importlib.metadata
 import json
 import re
 import statistics
@@ -11,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import limberjack
 from limberjack import suite
@@ -136,6 +139,32 @@ def test_the_gain_of_drawing_rows_together_is_that_which_was_measured() -> None:
     gains = [row["value"] for row in rows if row["measure"] == "batch / loop"]
     told = f"are drawn {min(gains):.2f} to {max(gains):.2f} times as fast as by a loop"
     assert told in " ".join(_text(_SEEING).split())
+
+
+def test_the_size_of_an_installation_is_that_which_was_measured() -> None:
+    rows = json.loads((_RESULTS / "installing.json").read_text(encoding="utf-8"))["rows"]
+    packages, megabytes = (round(row["value"]) for row in rows)
+    assert packages == len(_required("limberjack")) - 1
+    readme = _text(_DOCS.parent / "README.md")
+    assert f"# {packages} packages, {megabytes} MB" in readme
+    assert f"| {megabytes} MB, {packages} packages |" in _text(_DOCS / "comparison.md")
+    assert f"{packages} packages, of {megabytes} MB in all" in _text(_DOCS / "install.md")
+
+
+def _required(name: str) -> set[str]:
+    """A package and those that it needs, by their names as an index has them."""
+    waiting, found = [Requirement(name)], set[tuple[str, str]]()
+    while waiting:
+        wanted = waiting.pop()
+        for extra in {"", *wanted.extras} - {one for other, one in found if other == wanted.name}:
+            found.add((wanted.name, extra))
+            needed = map(Requirement, importlib.metadata.requires(wanted.name) or ())
+            waiting += [
+                each
+                for each in needed
+                if each.marker is None or each.marker.evaluate({"extra": extra})
+            ]
+    return {canonicalize_name(name) for name, _ in found}
 
 
 def test_the_times_of_the_viewer_are_those_that_were_measured() -> None:
