@@ -561,12 +561,22 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "episodes/remote.py": [
         ("cause is None or _is_missing(cause, done)", "True"),
         (" or _is_missing(cause, done):", ":"),
-        ("                files.mv(there, place)\n            except B", "            except B"),
+        (
+            "                    files.mv(there, place)\n            except B",
+            "            except B",
+        ),
         ('is_refused = done == "read" and', "is_refused ="),
         ("isinstance(error, FileNotFoundError) or _is_refused(error.__cause__)", "False"),
         ("[/?#]|^$", "[/#]|^$"),
         ("start=0, end=1)) == 1", "start=0, end=1)) >= 1"),
         ("fsspec.core.url_to_fs(self._url)", "fsspec.core.url_to_fs(str(self))"),
+        ("        if self._size is None:\n", "        if True:\n"),
+        ("min(max(end, start + _BLOCK), self._size)", "end"),
+        ("min(max(end, start + _BLOCK), self._size)", "min(start + _BLOCK, self._size)"),
+        ("if not self._first <= start <= end <= ", "if not start <= end <= "),
+        ("if len(block) != beyond - start:", "if False:"),
+        ("self._position += end - start", "self._position = end"),
+        ("io.SEEK_CUR: self._position", "io.SEEK_CUR: self._first"),
     ],
     "episodes/writing.py": [
         ("        if part.stop <= reached:", "        if part.stop < reached:"),

@@ -1,5 +1,6 @@
 """Datasets at URLs are read as local ones: in memory, and from a web server on this machine."""
 
+import io
 import json
 import pickle
 from collections.abc import Iterator
@@ -7,9 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack.data import Dataset, Kept, collect, inform, load, replay
+from limberjack.episodes import remote
 from limberjack.episodes.remote import Remote
 from limberjack.workers import State
 
@@ -65,6 +68,62 @@ def test_files_that_are_larger_than_a_footer_are_read_from_a_server_without_part
     assert inform(expected).nbytes > 2**16  # the most that pyarrow reads for a footer at first
     with serving(tmp_path, Whole) as url:
         _assert_read(url, expected)
+
+
+def test_parts_of_a_file_on_a_web_server_are_those_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("aiohttp", reason="needs aiohttp")
+    random = np.random.RandomState(0)
+    content, path = random.bytes(5000), tmp_path / "file"
+    path.write_bytes(content)
+    monkeypatch.setattr(remote, "_BLOCK", 1000)
+    with serving(tmp_path) as url:
+        place = Remote(url) / "file"
+        with place.open() as ours, path.open("rb") as theirs:
+            for _ in range(200):
+                whence = random.randint(3)
+                offset = random.randint(0, 6000) - (0, 3000, 6000)[whence]
+                if whence == io.SEEK_CUR:
+                    offset = max(offset, -ours.tell())
+                if whence == io.SEEK_END:
+                    offset = max(offset, -5000)
+                assert ours.seek(offset, whence) == theirs.seek(offset, whence)
+                size = random.choice([0, 1, 10, 900, 1100])
+                assert ours.read(size) == theirs.read(size)
+                assert ours.tell() == theirs.tell()
+            ours.seek(0)
+            assert ours.read() == content
+            with pytest.raises(ValueError, match="negative seek position -1"):
+                ours.seek(-1)
+        with place.open() as ours:
+            path.write_bytes(content[:4500])
+            with pytest.raises(OSError, match="it cannot be read") as caught:
+                ours.read()
+    assert str(place) in str(caught.value)
+
+
+def test_a_server_is_asked_once_for_the_size_and_then_for_blocks(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp", reason="needs aiohttp")
+    asked: list[tuple[str, str]] = []
+
+    class Noting(Files):
+        def parse_request(self) -> bool:
+            understood = super().parse_request()
+            asked.append((self.command, self.headers.get("Range", "")))
+            return understood
+
+    (tmp_path / "file").write_bytes(bytes(9_000_000))
+    with serving(tmp_path, Noting) as url:
+        place = Remote(url) / "file"
+        for first in (True, False):
+            asked.clear()
+            with place.open() as opened:
+                while opened.read(100_000):
+                    pass
+            parts = [("GET", "bytes=0-8388607"), ("GET", "bytes=8300000-8999999")]
+            before = [("HEAD", ""), ("GET", "bytes=0-0")] if first else []
+            assert asked == before + parts
 
 
 def test_a_page_of_links_is_no_list_of_what_lies_elsewhere(
