@@ -60,7 +60,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "viewer/session.py": [
         ("is_as_it_is = self._is_full and self._look is None", "is_as_it_is = self._look is None"),
         ("    model.light_castshadow[:] = False\n", ""),
-        ('data="0")', 'data="1")'),
+        ("data=[0.0])", "data=[1.0])"),
         ("            mine[...] = value\n", ""),
         ("            if mine.shape != value.shape:\n                return None\n", ""),
         ('("_", "name", "numeric_")', '("_", "numeric_")'),

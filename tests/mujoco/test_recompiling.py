@@ -1,5 +1,6 @@
 """Compiling a model again with changes of its MJCF."""
 
+from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import mujoco as official
@@ -38,6 +39,14 @@ def test_the_fields_of_a_change_are_those_of_a_file_with_the_change() -> None:
     expected = official.MjModel.from_xml_string(_MJCF.replace('0 0 1"', '0 0 1.5"'))
     for name, values in recompiler.fields(_longer, names).items():
         np.testing.assert_array_equal(values, getattr(expected, name), name)
+
+
+def test_the_model_that_was_compiled_before_can_still_be_saved_as_xml(tmp_path: Path) -> None:
+    model = mujoco.wrapper.MjModel.from_xml_string(_MJCF)
+    Recompiler(_MJCF, {}).names([_longer])
+    mujoco.wrapper.save_last_parsed_model_to_xml(str(tmp_path / "model.xml"), model)
+    saved = official.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    np.testing.assert_array_equal(saved.geom_size, model.geom_size)
 
 
 def test_a_change_of_other_fields_than_those_named_is_refused() -> None:

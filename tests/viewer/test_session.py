@@ -18,6 +18,7 @@ from tests.rollouts import run_episode
 
 _INTERVAL = 0.025  # seconds; the humanoid's control step
 _LIMIT = 0.25  # seconds; ten steps
+_FLAG = "<custom><numeric name='filament.ao.enabled' data='1'/></custom>"
 _PENDULUM = "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
 
 
@@ -571,6 +572,7 @@ class _Still(base.Task):
     ("physics", "flags"),
     [
         (Physics.from_xml_string(_PENDULUM), 1),
+        (Physics.from_xml_string(_PENDULUM.replace("<worldbody>", f"{_FLAG}<worldbody>")), 1),
         (Physics.from_byte_string(Physics.from_xml_string(_PENDULUM).model.to_bytes()), 0),
     ],
 )

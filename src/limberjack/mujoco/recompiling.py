@@ -17,27 +17,27 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
-__all__ = ["Recompiler", "compiled_with"]
+from limberjack.mujoco.wrapper.util import to_native_string
+
+__all__ = ["Recompiler", "spec_of"]
 
 _Edit = Callable[[ElementTree.Element], None]
 
 _SMALL = "8"  # pixels of a side of the sky
 
 
-def compiled_with(edit: _Edit, mjcf: str | bytes, assets: Mapping[str, bytes]) -> mujoco.MjModel:
-    """The model of an MJCF with a change.
+def spec_of(mjcf: str | bytes, assets: Mapping[str, bytes]) -> mujoco.MjSpec:
+    """An MJCF, parsed; it does not become the last one, which MuJoCo can save as XML.
 
     Args:
-      edit: changes the parsed MJCF in place.
-      mjcf: the MJCF, which stays as it is.
+      mjcf: the MJCF.
       assets: contents of the files it refers to, by name.
 
     Raises:
-      ValueError: the change is invalid.
+      ValueError: MuJoCo's error message about the MJCF.
     """
-    root = ElementTree.fromstring(mjcf)
-    edit(root)
-    return mujoco.MjModel.from_xml_string(ElementTree.tostring(root), dict(assets))
+    text, files = to_native_string(mjcf), dict(assets)
+    return mujoco.MjSpec.from_string(text, include=files, assets=files)
 
 
 def _nothing(root: ElementTree.Element) -> None:
@@ -57,7 +57,9 @@ class Recompiler:
         self._nominal = self._compiled(_nothing)
 
     def _compiled(self, edit: _Edit) -> mujoco.MjModel:
-        return compiled_with(edit, self._mjcf, self._assets)
+        root = ElementTree.fromstring(self._mjcf)
+        edit(root)
+        return spec_of(ElementTree.tostring(root), self._assets).compile()
 
     def names(self, edits: Iterable[_Edit]) -> tuple[str, ...]:
         """The fields in which the model with one of the changes differs from the nominal one.

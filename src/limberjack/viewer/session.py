@@ -17,7 +17,6 @@ import time
 import zlib
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import dm_env
 import mujoco
@@ -25,7 +24,7 @@ import numpy as np
 
 from limberjack.mujoco.dressing import dressed, look_of
 from limberjack.mujoco.pictures import check_quality
-from limberjack.mujoco.recompiling import compiled_with
+from limberjack.mujoco.recompiling import spec_of
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.control import Environment, PhysicsError
@@ -117,12 +116,6 @@ def _simplify(model: mujoco.MjModel) -> None:
     model.light_castshadow[:] = False
     model.mat_reflectance[:] = 0.0
     model.vis.quality.shadowsize = model.vis.quality.offsamples = 0
-
-
-def _without_occlusion(mjcf: ElementTree.Element) -> None:
-    """Adds a flag to an MJCF: MuJoCo Studio darkens no corners, which takes half of its time."""
-    custom = ElementTree.SubElement(mjcf, "custom")
-    ElementTree.SubElement(custom, "numeric", name="filament.ao.enabled", data="0")
 
 
 def _with_fields_of(model: mujoco.MjModel, flagged: mujoco.MjModel) -> mujoco.MjModel | None:
@@ -430,11 +423,18 @@ class Session:
         return model
 
     def _compiled_without_occlusion(self) -> mujoco.MjModel | None:
-        """The model with a flag for the viewer; None if it cannot be compiled again."""
+        """The model with a flag for the viewer; None if it cannot be compiled again.
+
+        MuJoCo Studio then darkens no corners, which takes half of its time.
+        """
         mjcf = getattr(self._environment.physics, "mjcf", None)
+        if mjcf is None:
+            return None
         try:
-            return None if mjcf is None else compiled_with(_without_occlusion, *mjcf)
-        except ValueError:  # a file that it refers to is not there any more, or it is no MJCF
+            spec = spec_of(*mjcf)
+            spec.add_numeric(name="filament.ao.enabled", data=[0.0])
+            return spec.compile()
+        except ValueError:  # it has the flag, or a file that it refers to is not there any more
             return None
 
     def copy_fields(self, model: mujoco.MjModel) -> list[str]:
