@@ -1,5 +1,6 @@
 """Compiling a model again with changes of its MJCF."""
 
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -25,6 +26,10 @@ _MJCF = """
 
 def _longer(root: Element) -> None:
     next(root.iter("geom")).set("fromto", "0 0 0 0 0 1.5")
+
+
+def _red(root: Element) -> None:
+    next(root.iter("texture")).set("rgb1", "1 0 0")
 
 
 def _joined(root: Element) -> None:
@@ -54,9 +59,14 @@ def test_a_change_of_other_fields_than_those_named_is_refused() -> None:
         Recompiler(_MJCF, {}).fields(_longer, ("geom_size",))
 
 
-def test_a_change_of_the_models_structure_is_refused() -> None:
-    with pytest.raises(ValueError, match="which must be the same in all episodes"):
-        Recompiler(_MJCF, {}).names([_joined])
+@pytest.mark.parametrize(("edit", "field"), [(_joined, "bvh_aabb"), (_red, "tex_data")])
+def test_a_change_that_the_rows_of_a_batch_share_is_refused(
+    edit: Callable[[Element], None], field: str
+) -> None:
+    with pytest.raises(
+        ValueError, match=f"changes {field}, which must be the same in all episodes"
+    ):
+        Recompiler(_MJCF, {}).names([edit])
 
 
 def test_a_model_of_unknown_origin_cannot_be_compiled_again() -> None:
