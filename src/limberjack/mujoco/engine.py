@@ -48,7 +48,7 @@ from limberjack.mujoco.simulation import (
     described,
 )
 from limberjack.mujoco.single_simulation import SingleSimulation, advance
-from limberjack.mujoco.wrapper.sharing import Mjcf, compiled
+from limberjack.mujoco.wrapper.sharing import compiled
 from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.rl import control as _control
 from limberjack.utils.log import log
@@ -258,14 +258,6 @@ class Physics(_control.Physics):
     def recompute_constants_of(self, names: Sequence[str]) -> None:
         """Makes starts that set these fields recompute the constants derived from them, if any."""
         self._simulation.sets_constants = bool(derived_fields(names))
-
-    @property
-    def mjcf(self) -> Mjcf | None:
-        """The MJCF that the model was compiled from, with the files it refers to, by name.
-
-        Changes of the model since are not in it. None for a model that was not given as text.
-        """
-        return self._data.model._mjcf
 
     def recompiler(self) -> Recompiler:
         """Compiles this model again with changes of its MJCF.

@@ -427,7 +427,7 @@ class Session:
 
         MuJoCo Studio then darkens no corners, which takes half of its time.
         """
-        mjcf = getattr(self._environment.physics, "mjcf", None)
+        mjcf = getattr(self._environment.physics.model, "_mjcf", None)
         if mjcf is None:
             return None
         try:
