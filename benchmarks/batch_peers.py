@@ -15,6 +15,7 @@ import venv
 from pathlib import Path
 from typing import Any
 
+import fresh
 import numpy as np
 
 __all__ = ["ASYNC", "ENVPOOL", "Peer", "PeerEndedError", "install"]
@@ -34,17 +35,19 @@ def install(peer: str, root: Path) -> Path | None:
         return folder
     print(f"installing: {' '.join(_REQUIREMENTS[peer])}", file=sys.stderr)
     venv.create(folder, clear=True, with_pip=True)
-    pip = [str(_python(folder)), "-m", "pip", "install", "-qq", "--disable-pip-version-check"]
+    pip = [
+        str(fresh.python_of(folder)),
+        "-m",
+        "pip",
+        "install",
+        "-qq",
+        "--disable-pip-version-check",
+    ]
     done = subprocess.run([*pip, "--upgrade", *_REQUIREMENTS[peer]], check=False)
     if done.returncode:
         return None
     complete.touch()
     return folder
-
-
-def _python(folder: Path) -> Path:
-    windows = folder / "Scripts" / "python.exe"
-    return windows if windows.exists() else folder / "bin" / "python"
 
 
 class PeerEndedError(RuntimeError):
@@ -64,7 +67,7 @@ class Peer:
         """
         self.num_envs = num_envs
         self._process = subprocess.Popen(
-            [str(_python(folder)), str(_HERE / "batch_worker.py")],
+            [str(fresh.python_of(folder)), str(_HERE / "batch_worker.py")],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             # Without this process's module search path, so that the peer does not use our packages.

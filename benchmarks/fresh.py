@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["call"]
+__all__ = ["call", "python_of"]
 
 _HERE = str(Path(__file__).resolve().parent)
 
@@ -42,3 +42,9 @@ def call(
         check=True,
     )
     return ast.literal_eval(done.stdout)
+
+
+def python_of(folder: Path) -> Path:
+    """The interpreter of a virtual environment."""
+    windows = folder / "Scripts" / "python.exe"
+    return windows if windows.exists() else folder / "bin" / "python"

@@ -11,8 +11,10 @@ import json as json_format
 import subprocess
 import sys
 import tempfile
+import venv
 from pathlib import Path
 
+import fresh
 import typer
 from report import Json, Row, finish
 
@@ -36,8 +38,8 @@ print(json.dumps(sizes))
 def _sizes(source: str) -> dict[str, int]:
     """Bytes on the disk of each package of a fresh environment with `source`, by name."""
     with tempfile.TemporaryDirectory() as directory:
-        python = Path(directory) / "bin" / "python"
-        subprocess.run([sys.executable, "-m", "venv", directory], check=True)
+        venv.create(directory, with_pip=True)
+        python = fresh.python_of(Path(directory))
         constraints = ["-c", str(_REPOSITORY / "constraints.txt")]
         install = [python, "-m", "pip", "install", "--quiet", *constraints, source]
         subprocess.run(install, check=True, stdout=sys.stderr)

@@ -570,7 +570,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("[/?#]|^$", "[/#]|^$"),
         ("start=0, end=1)) == 1", "start=0, end=1)) >= 1"),
         ("fsspec.core.url_to_fs(self._url)", "fsspec.core.url_to_fs(str(self))"),
-        ("        if self._size is None:\n", "        if True:\n"),
+        ("size = self._size or self", "size = self"),
         ("min(max(end, start + _BLOCK), self._size)", "end"),
         ("min(max(end, start + _BLOCK), self._size)", "min(start + _BLOCK, self._size)"),
         ("if not self._first <= start <= end <= ", "if not start <= end <= "),

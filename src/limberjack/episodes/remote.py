@@ -164,13 +164,12 @@ class Remote:
         return _Reported(self, file)
 
     def _opened_on_web(self, files: _Files, path: str) -> io.BufferedIOBase:
-        if self._size is None:
-            self._size = self._again(files, lambda: files.info(path))["size"]
-        size = self._size
+        size = self._size or self._information()["size"]
+        self._size = size if isinstance(size, int) else None
         with self._reported():
-            if size is None or not self._gives_parts(files, path):
+            if self._size is None or not self._gives_parts(files, path):
                 return io.BytesIO(files.cat_file(path))
-        return _InBlocks(self, lambda start, end: files.cat_file(path, start, end), size)
+        return _InBlocks(self, lambda start, end: files.cat_file(path, start, end), self._size)
 
     def _gives_parts(self, files: _Files, path: str) -> bool:
         """Whether the web server gives parts of files; each is asked once."""

@@ -110,7 +110,6 @@ class RowsModel(MjModel):
         object.__setattr__(self, "_fields", fields)
         object.__setattr__(self, "_model", fields.model._model)
         object.__setattr__(self, "_shared", fields.model._shared)
-        object.__setattr__(self, "_mjcf", fields.model._mjcf)
 
     def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name in ("_fields", "_model", "_shared"):  # not yet initialised
