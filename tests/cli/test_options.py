@@ -475,7 +475,8 @@ def test_faults_are_evaluated_and_collected_and_replayed_as_part_of_the_identity
     kept = ("--out", str(tmp_path / "data"), "--policy", "random", "--states")
     assert invoke("collect", *task, *kept, "--faults", '{"delay": {"rewards": 2}}').exit_code == 0
     dataset = data.load(tmp_path / "data")
-    assert dataset.recipe.facts["world"]["faults"]["delay"]["rewards"] == 2
+    world: Any = dataset.recipe.facts["world"]
+    assert world["faults"]["delay"]["rewards"] == 2
     assert data.replay(dataset, num_threads=1) is None
     assert invoke("collect", *task, *kept).exit_code == 2
 
@@ -540,9 +541,9 @@ def test_an_appearance_is_part_of_the_identity_of_results_and_of_the_recipe_of_a
     shown = ("--appearance", json.dumps({"background": f"images:{folder}"}))
     assert invoke("collect", *task, *kept, *shown).exit_code == 0
     dataset = data.load(tmp_path / "data")
-    recipe = dataset.recipe.facts["world"]["appearance"]
-    assert recipe["background"] == "images:photos"
-    assert len(recipe["files"]) == 64
+    world: Any = dataset.recipe.facts["world"]
+    assert world["appearance"]["background"] == "images:photos"
+    assert len(world["appearance"]["files"]) == 64
     assert str(tmp_path) not in dataset.recipe.text(range(2))
     with pytest.raises(ValueError, match="images:photos, which does not exist"):
         data.replay(dataset, num_threads=1)

@@ -672,5 +672,5 @@ def test_a_set_is_collected_in_a_world(tmp_path: Path) -> None:
     how: dict[str, Any] = {"out": tmp_path, "time_limit": 0.1, "num_threads": 1}
     world = {"faults": {"dummies": 2}}
     collect_set(["pendulum:swingup"], "random", range(2), world=world, **how)
-    recipe = load(tmp_path / "pendulum-swingup").recipe
-    assert recipe.facts["world"]["faults"]["dummies"] == 2
+    recorded: Any = load(tmp_path / "pendulum-swingup").recipe.facts["world"]
+    assert recorded["faults"]["dummies"] == 2

@@ -35,7 +35,8 @@ def test_a_task_of_every_domain_has_columns_that_can_be_read_again() -> None:
 
 def test_of_a_saved_model_only_the_files_name_is_kept() -> None:
     environment = suite.load(*PENDULUM[:2])
-    facts = {**_RECIPE.facts, "policy": "sb3:/home/me/models/walk.zip"}
+    facts = _RECIPE.facts.copy()
+    facts["policy"] = "sb3:/home/me/models/walk.zip"
     assert recipe_of(facts, environment, Kept()).facts["policy"] == "sb3:walk.zip"
 
 

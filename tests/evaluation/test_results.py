@@ -2,10 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any, cast
 
 from limberjack.evaluation import Evaluation, Score, results
+from limberjack.utils.facts import Facts
 
-_FACTS = {"domain": "humanoid", "task": "stand", "versions": {}}
+_FACTS = cast(Facts, {"domain": "humanoid", "task": "stand", "versions": {}})
 
 
 def _evaluation(processor: str | None) -> Evaluation:
@@ -13,8 +15,12 @@ def _evaluation(processor: str | None) -> Evaluation:
     return Evaluation(_FACTS, {"mine": scores, "zero": scores})
 
 
+def _as_json(processor: str | None) -> Any:
+    return _evaluation(processor).as_json()
+
+
 def test_processors_are_listed_only_where_they_were_recorded() -> None:
-    plain, named = (_evaluation(name).as_json() for name in (None, "one"))
+    plain, named = (_as_json(name) for name in (None, "one"))
     assert "processor" not in plain["episodes"][0]
     assert "processors" not in plain["floors"]["zero"]
     assert [episode["processor"] for episode in named["episodes"]] == ["one"] * 3

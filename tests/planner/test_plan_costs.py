@@ -11,6 +11,7 @@ from limberjack.planner.cost import FunctionCost
 from limberjack.planner.plan_costs import PlanCosts
 
 _STEPS, _SAMPLES = 3, 4
+_NOW: Any = None  # the single simulation, which no cost here reads unless it raises
 
 
 class _Numbered(Cost):
@@ -40,22 +41,22 @@ def _rollouts(is_complete: bool = True) -> Any:
 
 def test_a_plan_costs_the_mean_of_its_steps_and_what_is_terminal() -> None:
     diverged = np.array([False, False, True, False])
-    found = PlanCosts(_Numbered(None), None).of(_rollouts(), diverged)
+    found = PlanCosts(_Numbered(None), _NOW).of(_rollouts(), diverged)
     # Plan 1 has the states 1, 5 and 9.
     np.testing.assert_array_equal(found, [9.0, 111.0, np.inf, 315.0])
 
 
 def test_the_terms_of_one_plan_are_those_of_its_states() -> None:
-    terms = PlanCosts(_Numbered(None), None).terms_of(_rollouts(), 1)
+    terms = PlanCosts(_Numbered(None), _NOW).terms_of(_rollouts(), 1)
     assert terms == {"number": 10.0, "one": 1.0, "terminal": 100.0}
 
 
 def test_states_that_were_not_recorded_have_no_cost_yet() -> None:
-    assert PlanCosts(_Numbered(None), None).of(_rollouts(False), np.zeros(4, bool)) is None
+    assert PlanCosts(_Numbered(None), _NOW).of(_rollouts(False), np.zeros(4, bool)) is None
 
 
 def test_plans_that_all_diverge_are_no_mistake_of_the_cost() -> None:
-    found = PlanCosts(_Numbered(None), None).of(_rollouts(), np.ones(4, bool))
+    found = PlanCosts(_Numbered(None), _NOW).of(_rollouts(), np.ones(4, bool))
     assert found is not None
     assert np.isinf(found).all()
 
@@ -68,7 +69,7 @@ def test_terms_that_are_finite_only_in_plans_that_diverged_are_named() -> None:
 
     diverged = np.array([False, False, True, False])
     with pytest.raises(ValueError, match="no plan has a finite cost: 'lost' of Broken is inf"):
-        PlanCosts(Broken(None), None).of(_rollouts(), diverged)
+        PlanCosts(Broken(None), _NOW).of(_rollouts(), diverged)
 
 
 def test_a_sum_that_is_not_finite_though_its_terms_are_is_named() -> None:
@@ -77,14 +78,14 @@ def test_a_sum_that_is_not_finite_though_its_terms_are_is_named() -> None:
             return np.full(physics.num_envs, np.nan)
 
     with pytest.raises(ValueError, match="no plan has a finite cost: step_cost of Summed"):
-        PlanCosts(Summed(None), None).of(_rollouts(), np.zeros(4, bool))
+        PlanCosts(Summed(None), _NOW).of(_rollouts(), np.zeros(4, bool))
 
 
 def test_a_function_has_one_number_for_each_state_and_a_class_may_have_one() -> None:
     function = FunctionCost(lambda physics: {"number": physics.numbers, "one": np.ones(())})
     with pytest.raises(ValueError, match=r"term 'one' of cost <lambda> has shape \(\) in a batch"):
-        PlanCosts(function, None).of(_rollouts(), np.zeros(4, bool))
-    assert PlanCosts(_Numbered(None), None).of(_rollouts(), np.zeros(4, bool)) is not None
+        PlanCosts(function, _NOW).of(_rollouts(), np.zeros(4, bool))
+    assert PlanCosts(_Numbered(None), _NOW).of(_rollouts(), np.zeros(4, bool)) is not None
 
 
 def test_an_error_is_explained_by_rows_only_if_one_simulation_does_not_raise_it() -> None:
@@ -94,8 +95,9 @@ def test_an_error_is_explained_by_rows_only_if_one_simulation_does_not_raise_it(
         raise ValueError("the truth value is ambiguous")
 
     rollouts, diverged = _rollouts(), np.zeros(4, bool)
-    alone = SimpleNamespace(num_envs=None)
+    alone: Any = SimpleNamespace(num_envs=None)
+    one_row: Any = SimpleNamespace(num_envs=1)
     with pytest.raises(ValueError, match="cost failing raises ValueError in a batch of 12 rows"):
         PlanCosts(FunctionCost(failing), alone).of(rollouts, diverged)
     with pytest.raises(ValueError, match=r"^the truth value is ambiguous$"):
-        PlanCosts(FunctionCost(failing), SimpleNamespace(num_envs=1)).of(rollouts, diverged)
+        PlanCosts(FunctionCost(failing), one_row).of(rollouts, diverged)

@@ -276,14 +276,15 @@ def _done(progress: Units, out: Path | None) -> str:
 
 
 def _print(evaluation: "Evaluation") -> None:
+    from limberjack.episodes.statistics import LAST_STEPS, SUCCESS_REWARD
+
     rows = summaries_table("policy")
     for policy in evaluation.scores:
         add_summaries(rows, policy, evaluation.summary(policy), evaluation.strata(policy))
     console().print(rows)
-    success = evaluation.facts["success"]
     typer.echo(
-        f"success: a mean reward of at least {success['mean_reward_at_least']} over the last "
-        f"{success['last_steps']} steps; interval: of the mean, by bootstrap"
+        f"success: a mean reward of at least {SUCCESS_REWARD} over the last "
+        f"{LAST_STEPS} steps; interval: of the mean, by bootstrap"
     )
     if evaluation.left_out is not None:
         complain(evaluation.left_out)

@@ -305,7 +305,8 @@ def _in_order(episodes: Iterable[Episode]) -> list[Episode]:
 
 def _recipe(identity: Facts, environment: dm_env.Environment, kept: Kept, file_mb: float) -> Recipe:
     """The recipe of the episodes of an identity."""
-    facts = {**identity, "versions": {**identity["versions"], "pyarrow": PYARROW}}
+    facts = identity.copy()
+    facts["versions"] = {**identity["versions"], "pyarrow": PYARROW}
     return recipe_of(facts, environment, kept, file_mb)
 
 

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from limberjack.rl.pixels import Pixels
-from limberjack.utils.facts import Facts
 
 __all__ = ["Episode", "Kept"]
 
@@ -43,7 +42,7 @@ class Kept:
                 "windows of a dataset have the pictures before, and select(['pixels']) only them"
             )
 
-    def as_json(self) -> Facts:
+    def as_json(self) -> dict[str, object]:
         """The attributes as values of JSON by name, without `pixels` if there are none."""
         kept = dataclasses.asdict(self)
         if self.pixels is None:

@@ -54,7 +54,6 @@ from limberjack.episodes.places import (
 )
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.writing import ENDING, FILE, LIST, PART, Order, Writing, file_of, joining
-from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, random_letters, read_regular
 
 __all__ = ["Folder", "blocks", "calls_in", "check_distinct", "discard_other"]
@@ -428,7 +427,7 @@ class Folder:
             "folder"
         )
 
-    def calls(self) -> list[Facts]:
+    def calls(self) -> list[dict[str, object]]:
         """The calls that were logged here, those of shards too; see `calls_in`."""
         return calls_in(self.directory)
 
@@ -457,7 +456,7 @@ def discard_other(directory: Path, recipe: Recipe) -> None:
                 folder.rmdir()
 
 
-def calls_in(directory: Place) -> list[Facts]:
+def calls_in(directory: Place) -> list[dict[str, object]]:
     """The calls that were logged in a dataset's folder, those of shards too.
 
     Raises:
@@ -467,7 +466,7 @@ def calls_in(directory: Place) -> list[Facts]:
     return [call for path in named(directory, _RUNS) for call in _calls(path)]
 
 
-def _calls(path: Place) -> list[Facts]:
+def _calls(path: Place) -> list[dict[str, object]]:
     """The calls in a log; none where there is no file.
 
     Raises:

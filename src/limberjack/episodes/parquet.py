@@ -72,8 +72,6 @@ PYARROW: str = pa.__version__  # the bytes depend on it
 Plain = np.ndarray | Sequence[str] | Sequence[Sequence[str]] | Sequence[bytes]
 Values = np.ndarray | str  # of a column in an episode; the only text is the kind of start
 
-_Untyped = Any  # an object of pyarrow, which has no types
-
 _RECIPE, _FIGURES, _LENGTHS = b"limberjack", b"limberjack_figures", b"limberjack_lengths"
 _PLACE = ("seed", "step", "time", "is_first", "is_last")  # columns that follow from seed and row
 # Columns that are read whichever observations are.
@@ -155,7 +153,7 @@ class Shard:
         with _damage_reported(self.path):
             file = self.file()
         names = None if columns is self.recipe.columns else [_leaf(column) for column in columns]
-        held: dict[int, _Untyped] = {}  # the row group that was read last
+        held: dict[int, pa.Table] = {}  # the row group that was read last
 
         def read(seed: int) -> Episode:
             number = seed - self.seeds.start
@@ -180,7 +178,7 @@ class Shard:
         with self.opened() as read:
             yield from map(read, self.seeds)
 
-    def _episode(self, table: _Untyped, seed: int, columns: Sequence[Column]) -> Episode:
+    def _episode(self, table: pa.Table, seed: int, columns: Sequence[Column]) -> Episode:
         form = self.recipe.format
         values = {c.name: _from_arrow(c, table.column(c.name), form) for c in columns}
         return episode_of(values, seed, self.recipe)
@@ -323,7 +321,7 @@ def write_plain(
       metadata: of the file.
     """
     with contextlib.ExitStack() as stack:
-        writer: _Untyped = None
+        writer: pq.ParquetWriter | None = None
         for columns in tables:
             table = pa.table({name: _plain(values) for name, values in columns.items()})
             if writer is None:
@@ -332,8 +330,8 @@ def write_plain(
             writer.write_table(table)
 
 
-def _plain(values: Plain) -> _Untyped:
-    """An array of pyarrow."""
+def _plain(values: Plain) -> pa.Array:
+    """Them as an array."""
     if not isinstance(values, np.ndarray):
         array = pa.array(values)
         if array.type != pa.binary():
@@ -366,7 +364,7 @@ def _write(
     schema = _schema(recipe).with_metadata({_RECIPE: recipe.text(seeds)})
     leaves = {c.name: _leaf(c) for c in recipe.columns}
     # pyarrow's annotations lack the lists that these take.
-    options: dict[str, _Untyped] = {
+    options: dict[str, Any] = {
         "use_dictionary": [leaf for name, leaf in leaves.items() if name in ("seed", "start")],
         "use_byte_stream_split": [leaves[c.name] for c in recipe.columns if "float" in c.dtype],
         "write_statistics": ["seed"],  # so that other readers find an episode
@@ -402,7 +400,7 @@ def _groups(recipe: Recipe, episodes: Iterable[Episode]) -> Iterator[list[Episod
         yield group
 
 
-def _table(recipe: Recipe, episode: Episode) -> _Untyped:
+def _table(recipe: Recipe, episode: Episode) -> pa.Table:
     """The rows of an episode."""
     values = columns_of(episode, recipe)
     columns = [_to_arrow(c, values[c.name], episode.length + 1) for c in recipe.columns]
@@ -433,7 +431,7 @@ def _starts(counts: Iterable[int]) -> list[int]:
     return [0, *itertools.accumulate(counts)]
 
 
-def _schema(recipe: Recipe) -> _Untyped:
+def _schema(recipe: Recipe) -> pa.Schema:
     form = recipe.format
     return pa.schema(
         [
@@ -443,7 +441,7 @@ def _schema(recipe: Recipe) -> _Untyped:
     )
 
 
-def _type(column: Column, form: int = FORMAT) -> _Untyped:
+def _type(column: Column, form: int = FORMAT) -> pa.DataType:
     """The type of a column in files of a format."""
     if column.dtype == "str":  # some versions of pyarrow read each index as one of 32 bits
         return pa.dictionary(pa.int8() if form == 1 else pa.int32(), pa.string())
@@ -460,7 +458,7 @@ def _leaf(column: Column) -> str:
     return f"{column.name}.list.element" if is_list else column.name
 
 
-def _to_arrow(column: Column, values: Values, rows: int) -> _Untyped:
+def _to_arrow(column: Column, values: Values, rows: int) -> pa.Array:
     """A column's values of an episode of so many rows, as an array of pyarrow."""
     if isinstance(values, str):
         return pa.DictionaryArray.from_arrays(_array(np.zeros(rows, np.int32)), _text(values))
@@ -479,7 +477,7 @@ def _to_arrow(column: Column, values: Values, rows: int) -> _Untyped:
     return pa.ListArray.from_arrays(_array(ends.astype(np.int32)), numbers, type=kind, mask=mask)
 
 
-def _array(numbers: np.ndarray) -> _Untyped:
+def _array(numbers: np.ndarray) -> pa.Array:
     """Numbers, (n,), as an array of pyarrow.
 
     `pyarrow.array` and `to_numpy` import pandas where it is installed, which takes 0.2 s.
@@ -490,14 +488,14 @@ def _array(numbers: np.ndarray) -> _Untyped:
     return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(memory)])
 
 
-def _text(text: str) -> _Untyped:
+def _text(text: str) -> pa.Array:
     """An array of one text."""
     memory = text.encode()
     ends = np.array([0, len(memory)], np.int32)
     return pa.Array.from_buffers(pa.string(), 1, [None, pa.py_buffer(ends), pa.py_buffer(memory)])
 
 
-def _numbers(array: _Untyped) -> np.ndarray:
+def _numbers(array: pa.Array) -> np.ndarray:
     """The numbers of an array without nulls, in its own memory if they are no bits; read-only."""
     dtype = np.dtype(array.type.to_pandas_dtype())
     if not len(array):
@@ -510,7 +508,7 @@ def _numbers(array: _Untyped) -> np.ndarray:
     return np.unpackbits(bits, count=end, bitorder="little")[array.offset :].view(bool)
 
 
-def _from_arrow(column: Column, found: _Untyped, form: int) -> Values:
+def _from_arrow(column: Column, found: pa.ChunkedArray, form: int) -> Values:
     """The values of `_to_arrow`, without a copy where that is possible.
 
     Raises:
@@ -533,7 +531,7 @@ def _from_arrow(column: Column, found: _Untyped, form: int) -> Values:
     return _numbers(numbers).reshape(rows, *column.shape)
 
 
-def _of_steps(column: Column, array: _Untyped) -> _Untyped:
+def _of_steps(column: Column, array: pa.Array) -> pa.Array:
     """The values of the steps, without the last row, which has none."""
     if array.null_count != 1 or array[-1].is_valid:
         raise ValueError(f"the column {column.name!r} is null elsewhere than in the last row")

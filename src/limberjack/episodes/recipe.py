@@ -15,7 +15,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeGuard, cast
+from typing import Any, TypeGuard, cast
 
 import dm_env
 import numpy as np
@@ -159,7 +159,7 @@ class Recipe:
             return _BLOCK_1
         return max(1, min(int(self.file_mb * 1e6 // self._most_each), _MOST_EPISODES))
 
-    def as_json(self) -> Facts:
+    def as_json(self) -> dict[str, object]:
         """The recipe as values of JSON."""
         sized = {} if self.file_mb is None else {"file_mb": self.file_mb}
         return {
@@ -232,7 +232,9 @@ class Recipe:
     @property
     def step_limit(self) -> int:
         """Steps of the longest episode."""
-        return round(self.facts["time_limit"] / self.facts["control_timestep"])
+        seconds = self.facts["time_limit"]
+        assert seconds is not None  # see `_checked_facts`
+        return round(seconds / self.facts["control_timestep"])
 
     @property
     def episode_nbytes(self) -> int:
@@ -275,13 +277,13 @@ def recipe_of(
       ValueError, TypeError: `file_mb` is not a positive number.
     """
     # Without an entry for the suite's own world, as before there were others.
-    facts = {name: fact for name, fact in facts.items() if name != "world" or fact is not None}
+    present = {name: fact for name, fact in facts.items() if name != "world" or fact is not None}
     policy = facts["policy"]
     if policies.is_saved_model(policy):
         prefix, _, path = policy.partition(":")
         policy = f"{prefix}:{Path(path).name}"
     columns = _columns(environment, kept)
-    return Recipe({**facts, "policy": policy}, kept, columns, _file_mb(file_mb))
+    return Recipe(cast(Facts, {**present, "policy": policy}), kept, columns, _file_mb(file_mb))
 
 
 def environments_of(recipe: Recipe, make: Make | None = None) -> tuple[dm_env.Environment, Factory]:
@@ -456,7 +458,8 @@ def _check_columns(columns: Sequence[Column], kept: Kept, always: Mapping[str, s
         raise ValueError("the column 'state' is there exactly if states were recorded")
 
 
-def _checked_facts(content: Facts) -> Facts:
+# Any: values of JSON, whose kinds are compared here.
+def _checked_facts(content: dict[str, Any]) -> Facts:
     """The facts; raises ValueError if one is missing, unknown or of another kind."""
     where = _WHERE[0] if "domain" in content else _WHERE[1]
     kinds = {**where, **_FACTS}
@@ -475,7 +478,7 @@ def _checked_facts(content: Facts) -> Facts:
     limit, timestep = content["time_limit"], content["control_timestep"]
     if not (0 < timestep <= limit < _LONGEST and limit / timestep < _MOST_STEPS):
         raise ValueError(f"its time_limit is {limit} and its control_timestep {timestep} seconds")
-    return content
+    return cast(Facts, content)
 
 
 def _pixels(value: object) -> Pixels | None:

@@ -28,7 +28,7 @@ from limberjack.episodes.parquet import Plain, write_plain
 from limberjack.episodes.recipe import OBSERVATION, PIXELS
 from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.utils import png
-from limberjack.utils.facts import Facts, title_of
+from limberjack.utils.facts import title_of
 from limberjack.workers import OnProgress
 
 __all__ = ["to_lerobot"]
@@ -165,7 +165,7 @@ def _joined(parts: Sequence[np.ndarray], rows: int) -> np.ndarray:
     return np.concatenate(flat, axis=1).astype(np.float32)
 
 
-def _info(dataset: Dataset) -> Facts:
+def _info(dataset: Dataset) -> dict[str, object]:
     """The content of info.json."""
     facts, columns = dataset.recipe.facts, dataset.recipe.columns
     observed = [c for c in columns if c.name.startswith(OBSERVATION) and c.name != PIXELS]
@@ -203,11 +203,11 @@ def _info(dataset: Dataset) -> Facts:
     }
 
 
-def _feature(dtype: str, size: int = 1, names: Sequence[str] | None = None) -> Facts:
+def _feature(dtype: str, size: int = 1, names: Sequence[str] | None = None) -> dict[str, object]:
     return {"dtype": dtype, "shape": [size], "names": names}
 
 
-def _statistics(dataset: Dataset) -> Facts:
+def _statistics(dataset: Dataset) -> dict[str, object]:
     """The content of stats.json; the last observation of each episode counts here."""
     found = dataset.statistics()
     return {

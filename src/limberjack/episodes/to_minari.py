@@ -113,7 +113,7 @@ def _write(dataset: Dataset, path: Path, name: str, on_progress: OnProgress | No
     with contextlib.closing(environment):
         observed = Observations(_observed(environment), kept.flat, dtype)
         actions = action_space(spec_of_actions(environment), "float64")
-    how = {"flat": kept.flat, "dtype": dtype, **facts.get("world", {})}
+    how = {"flat": kept.flat, "dtype": dtype, **(facts.get("world") or {})}
     spec = spec_of(facts["domain"], facts["task"], recipe.step_limit, **how)
     path.mkdir(parents=True)
     storage = MinariStorage.new(path, observed.space, actions, spec, _STORAGE, jpeg_encoding=False)

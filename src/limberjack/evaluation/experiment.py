@@ -8,6 +8,7 @@ import concurrent.futures
 import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import cast
 
 import dm_env
 
@@ -189,9 +190,15 @@ def play_unit(setup: Setup, seeds: Sequence[int]) -> list[Score]:
 
 def _evaluation(identity: Facts, policy: str, store: Store, seeds: Sequence[int]) -> Evaluation:
     """The evaluation whose episodes are all in the store."""
-    facts = {**identity, **_asked_for(seeds), **_played_with(store, identity)}
+    facts: dict[str, object] = {
+        **identity,
+        **_asked_for(seeds),
+        **_played_with(store, identity),
+    }
     names = dict.fromkeys((policy, *FLOORS))
-    return Evaluation(facts, {n: [store.scores[n][seed] for seed in seeds] for n in names})
+    return Evaluation(
+        cast(Facts, facts), {n: [store.scores[n][seed] for seed in seeds] for n in names}
+    )
 
 
 def _played_with(store: Store, identity: Facts) -> dict[str, object]:

@@ -8,6 +8,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
+from typing import cast
 
 from limberjack.episodes import statistics
 from limberjack.episodes.statistics import Score, Summary
@@ -43,7 +44,7 @@ class Evaluation:
         """The same for each kind of start, by name; empty where the task has no kinds."""
         return statistics.strata(self.scores[policy or self.policy])
 
-    def as_json(self) -> Facts:
+    def as_json(self) -> report.EvaluationResult:
         """The content of result.json."""
         rows = {
             policy: {
@@ -62,7 +63,13 @@ class Evaluation:
             if policy != self.policy
         }
         episodes = [_entry(score) for score in self.scores[self.policy]]
-        return {**self.facts, "summary": rows, "episodes": episodes, "floors": floors}
+        result: dict[str, object] = {
+            **self.facts,
+            "summary": rows,
+            "episodes": episodes,
+            "floors": floors,
+        }
+        return cast(report.EvaluationResult, result)
 
     def draw(self, path: Path) -> None:
         """Draws the returns of all rows, and those of the policy by kind of start.
@@ -118,7 +125,7 @@ def _processors(scores: list[Score]) -> dict[str, object]:
     return {"processors": processors} if any(processors) else {}
 
 
-def _text(content: Facts) -> str:
+def _text(content: report.EvaluationResult) -> str:
     """JSON with one line per episode, so that a file of a thousand episodes stays readable."""
     lines: list[str] = []
 

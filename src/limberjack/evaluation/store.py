@@ -28,11 +28,10 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import BinaryIO, TypeGuard
+from typing import Any, BinaryIO, TypeGuard
 
 from limberjack.episodes.manifest import MANIFEST
 from limberjack.episodes.statistics import Score
-from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, appending, flush_folder, read_regular
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.identity import advice_on, first_mismatch, processor
@@ -106,7 +105,10 @@ class Store:
         self._file: BinaryIO | None = None
         self._hold: Hold | None = None
         self._present: object = identity[_VERSIONS]
-        self._head: Facts = {**identity, **({} if canary is None else {_CANARY: canary})}
+        self._head: dict[str, object] = {
+            **identity,
+            **({} if canary is None else {_CANARY: canary}),
+        }
         self._step_limit = _step_limit(identity)
         self._any_processor = any_processor
         self.processor = processor() if any_processor else None
@@ -273,7 +275,9 @@ class Store:
             found.append((versions, policy, score))
         return found
 
-    def _is_head(self, entry: Facts | None, *, has_episodes: bool) -> TypeGuard[Facts]:
+    def _is_head(
+        self, entry: dict[str, object] | None, *, has_episodes: bool
+    ) -> TypeGuard[dict[str, object]]:
         """Whether a line is the first one of a store: that of any evaluation, without episodes.
 
         With episodes, a line that names versions is one, and `_check_head` finds what differs.
@@ -284,7 +288,8 @@ class Store:
             return True
         return {*entry} - {_CANARY} == {*self._head} - {_CANARY}
 
-    def _episode(self, entry: Facts | None, where: str) -> tuple[str, Score]:
+    # Any: each value is compared with what `_KINDS` expects.
+    def _episode(self, entry: dict[str, Any] | None, where: str) -> tuple[str, Score]:
         """The policy and the score of a line; raises ValueError if it is no episode."""
         if entry is None:
             raise _damaged(where, "it is not the JSON of a dictionary")
@@ -319,7 +324,7 @@ class Store:
                 return f"at most {self._step_limit}, the steps of the time limit"
         return None
 
-    def _check_head(self, path: Path, there: Facts) -> None:
+    def _check_head(self, path: Path, there: Mapping[str, object]) -> None:
         """Raises ValueError if a file belongs to another evaluation."""
         mismatch = first_mismatch(self._head, there, self._any_processor)
         if mismatch is not None:
@@ -402,7 +407,7 @@ def _line(entry: Mapping[str, object]) -> bytes:
     return json.dumps(entry).encode() + b"\n"
 
 
-def _entry(text: bytes) -> Facts | None:
+def _entry(text: bytes) -> dict[str, object] | None:
     """The dictionary in a line, or None."""
     try:
         entry = json.loads(text)

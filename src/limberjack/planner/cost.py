@@ -35,6 +35,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limberjack.planner.settings import Settings
+from limberjack.utils.arrays import Quantity
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -53,7 +54,7 @@ AnyPhysics = Any
 AnyTask = Any
 
 # Of N states as a batch of simulations, to the cost's terms by name or their sum, (N,) each.
-CostFunction = Callable[[AnyPhysics], Mapping[str, np.ndarray] | np.ndarray]
+CostFunction = Callable[[AnyPhysics], Mapping[str, Quantity] | np.ndarray]
 
 
 class Cost:
@@ -89,7 +90,7 @@ class Cost:
             planner, so it may be read, modified and stepped.
         """
 
-    def terms(self, physics: AnyPhysics) -> Mapping[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> Mapping[str, Quantity]:
         """The cost's terms before they are weighted, by name, (N,) each.
 
         It may be called more than once for the same states.
@@ -111,9 +112,9 @@ class Cost:
                 "terms by name, nor step_cost(physics), which returns the cost of each state of a "
                 "batch, shape (N,)"
             )
-        return sum(self.weighted_terms(physics).values(), start=np.zeros(()))
+        return np.asarray(sum(self.weighted_terms(physics).values(), start=0.0))
 
-    def weighted_terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
+    def weighted_terms(self, physics: AnyPhysics) -> dict[str, Quantity]:
         """The terms times their weights, by name, (N,) each.
 
         Raises:
@@ -188,7 +189,7 @@ class FunctionCost(Cost):
         super().__init__(None)
         self.function = function
 
-    def terms(self, physics: AnyPhysics) -> Mapping[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> Mapping[str, Quantity]:
         """The function's terms; a sum is the one term 'cost'."""
         found = self.function(physics)
         return found if isinstance(found, Mapping) else {"cost": found}

@@ -13,15 +13,17 @@ are known after the first reading, which makes `history.is_complete` False.
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from limberjack.mujoco.batch_simulation import BatchSimulation
+from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import Axes, FieldIndexer, NamedFields, NamedIndexStructs, Names
 
 __all__ = ["History"]
 
+_Physics = TypeVar("_Physics", bound=Physics)  # the domain's own class
 _Field = tuple[np.ndarray, bool]  # and whether each simulation has values of its own
 _Key = tuple[str, str]  # what reads a field, and its name
 _DATA, _BY_NAMES, _MODEL = "data", "data by names", "model"
@@ -98,7 +100,7 @@ class History:
         """A field of the model, and whether each row has values of its own."""
         return self._field((_MODEL, name))
 
-    def read_by(self, physics: Any) -> Any:  # of the domain's own class
+    def read_by(self, physics: _Physics) -> _Physics:
         """The batch's physics evaluated on the recorded states.
 
         Of a field that it reads by names, only the columns that it reads are recorded.
@@ -106,17 +108,17 @@ class History:
 
         return self._read_through(physics, self, self.field_by_names)
 
-    def last_read_by(self, physics: Any) -> Any:  # of the domain's own class
+    def last_read_by(self, physics: _Physics) -> _Physics:
         """The batch's physics evaluated on the states of the last step."""
         last = _Last(self)
         return self._read_through(physics, last, lambda name: last.of(self.field_by_names(name)))
 
     def _read_through(
         self,
-        physics: Any,  # of the domain's own class
+        physics: _Physics,
         fields: "History | _Last",
         by_names: Callable[[str], _Field],
-    ) -> Any:
+    ) -> _Physics:
         seen, names = physics.seen_through(fields), Names(self.model.structure)
         seen.named = NamedIndexStructs(
             NamedFields("MjModel", fields.model_field, names),

@@ -14,7 +14,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from limberjack.planner.cost import AnyPhysics, Cost, FunctionCost, name_of
+from limberjack.mujoco.engine import Physics
+from limberjack.planner.cost import Cost, FunctionCost, name_of
 from limberjack.planner.rollouts import Rollouts
 from limberjack.rl.batch_errors import NotVectorised, raised_in_a_batch, wrong_shape
 from limberjack.utils.arrays import rows_of_a_batch
@@ -27,7 +28,7 @@ _TERMINAL = "terminal"  # its name among the terms of a plan
 class PlanCosts:
     """The costs of plans; see the module's docstring."""
 
-    def __init__(self, cost: Cost, now: AnyPhysics) -> None:
+    def __init__(self, cost: Cost, now: Physics) -> None:
         """Takes the cost, and a single simulation on which errors are compared."""
         self._cost, self._now = cost, now
         self._is_checked = False  # whether the shapes of the terms have been compared
@@ -68,7 +69,7 @@ class PlanCosts:
             terms = self._cost.weighted_terms(rollouts.seen)
         return {n: np.broadcast_to(t, states).reshape(-1, samples) for n, t in terms.items()}
 
-    def _values(self, seen: AnyPhysics, method: str) -> np.ndarray | None:
+    def _values(self, seen: Physics, method: str) -> np.ndarray | None:
         """The value of a method of the cost for each state that is seen, (states,)."""
         states = seen.num_envs or 0
         if not self._is_checked:
@@ -85,7 +86,7 @@ class PlanCosts:
             )
         return cost
 
-    def _check_terms(self, seen: AnyPhysics, states: int) -> None:
+    def _check_terms(self, seen: Physics, states: int) -> None:
         """Raises ValueError unless each term has one number for each state.
 
         A term of a class may be one number for all states, as in a stage that lacks it. Of a

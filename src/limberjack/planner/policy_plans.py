@@ -9,11 +9,12 @@ as much of them as their costs deserve, so that a policy that is wrong somewhere
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import dm_env
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
 from limberjack.planner.control_law import ControlLaw
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import knot_weights
@@ -69,7 +70,7 @@ class PolicyPlans:
 
     def from_state(
         self,
-        physics: Any,  # of the domain's own class
+        physics: Physics,
         phases: np.ndarray,
         count: int,
         random: np.random.Generator,
@@ -108,7 +109,7 @@ class PolicyPlans:
         begin = getattr(self._policy, "begin_alone", None)
         return self._policy if begin is None else begin(self._env, 0)  # pyright: ignore[reportReturnType]
 
-    def _observation(self, physics: Any) -> Mapping[str, np.ndarray]:  # as above
+    def _observation(self, physics: Physics) -> Mapping[str, np.ndarray]:
         with stand_in(self._env.task, physics) as task:
             observation = task.get_observation(physics)
         return flatten_observation(observation) if self._is_flat else observation

@@ -10,11 +10,11 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.simulation import model_fields
 from limberjack.planner.history import History
 
@@ -34,7 +34,7 @@ class Rollouts:
 
     def __init__(
         self,
-        physics: Any,  # of the domain's own class
+        physics: Physics,
         samples: int,
         num_threads: int,
         own_fields: Sequence[str],
@@ -62,7 +62,7 @@ class Rollouts:
 
     def diverged(self) -> np.ndarray:
         """Whether each has diverged since `load`, (samples,)."""
-        return self.simulation.warnings.any(axis=-1)
+        return np.asarray(self.simulation.warnings.any(axis=-1))
 
     def roll_out(
         self, controls: np.ndarray, fields: Sequence[str]

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, open_regular, read_regular, replacing
 from limberjack.workers.identity import first_difference
 
@@ -79,7 +78,9 @@ class Folder:
 
 
 @contextlib.contextmanager
-def opened(directory: Path, identity: Facts, more: Facts) -> Iterator[Folder]:
+def opened(
+    directory: Path, identity: Mapping[str, object], more: Mapping[str, object]
+) -> Iterator[Folder]:
     """The folder of a run, which is made if there is none; other processes cannot write there.
 
     Args:
@@ -106,7 +107,7 @@ def opened(directory: Path, identity: Facts, more: Facts) -> Iterator[Folder]:
         yield Folder(directory)
 
 
-def _check(path: Path, identity: Facts) -> None:
+def _check(path: Path, identity: Mapping[str, object]) -> None:
     """Raises ValueError unless the folder of a run's identity is empty, or has this one."""
     directory = path.parent
     if not path.exists():

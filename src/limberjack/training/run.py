@@ -59,6 +59,14 @@ _COLUMNS = (
 )
 
 
+class _Facts(Facts):
+    """Of a run: what `_identified` gives, and the command that began it."""
+
+    algorithm: str
+    seed: int
+    command: str
+
+
 class TrainingError(WorkError):
     """A run that cannot go on, such as one whose losses are no numbers."""
 
@@ -158,14 +166,16 @@ def train(
         importlib.import_module("limberjack.training.learner")
     factory = factory_of(domain, task, settings.time_limit, world)
     identity = _identified(factory, settings, seed)
-    more = {"command": command, "versions": versions()}
+    more: dict[str, object] = {"command": command, "versions": versions()}
     with contextlib.ExitStack() as stack:
         # NumPy's global stream, which the algorithm draws from.
         stack.callback(np.random.set_state, np.random.get_state())
         folder = stack.enter_context(opened(Path(out), identity, more))
         was_finished = folder.policy.exists()
         if not was_finished:
-            training = _Training(folder, factory, settings, {**identity, **more}, began)
+            training = _Training(
+                folder, factory, settings, cast(_Facts, {**identity, **more}), began
+            )
             stack.callback(training.close)
             training.run(on_progress)
         folder.finish()
@@ -173,12 +183,13 @@ def train(
         return _with_picture(run, folder, identity)
 
 
-def _with_picture(run: Run, folder: Folder, identity: Facts) -> Run:
+def _with_picture(run: Run, folder: Folder, identity: Mapping[str, object]) -> Run:
     """The run with a picture of its curve, which is drawn unless there is one."""
     if not folder.picture.exists():
         steps, _, seconds, means, *_ = _numbers(run.curve).T
         own = LearningCurve(f"this run, seed {identity['seed']}", steps, seconds, means)
-        known = learning_of(identity.get("domain", ""), identity.get("task", ""))
+        domain, task = (str(identity.get(name, "")) for name in ("domain", "task"))
+        known = learning_of(domain, task)
         drawn = known._replace(title=title_of(identity), own=own)
         try:
             write_learning_plot(folder.picture, [drawn])
@@ -187,7 +198,7 @@ def _with_picture(run: Run, folder: Folder, identity: Facts) -> Run:
     return dataclasses.replace(run, picture=folder.picture)
 
 
-def _identified(factory: Factory, settings: Settings, seed: int) -> Facts:
+def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, object]:
     """Facts that identify a run, as values of JSON; raises ValueError if it cannot be trained."""
     limit = "time_limit, or a task named by its domain time_limit = SECONDS in its settings"
     environment = checked_environment(factory, [0], is_kept=True, limit=limit)
@@ -208,7 +219,7 @@ class _Training:
     """A run in memory: the learner, its rows, the batch of evaluations, and the curve."""
 
     def __init__(
-        self, folder: Folder, factory: Factory, settings: Settings, facts: Facts, began: float
+        self, folder: Folder, factory: Factory, settings: Settings, facts: _Facts, began: float
     ) -> None:
         from limberjack import sb3
         from limberjack.training.learner import Learner

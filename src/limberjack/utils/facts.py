@@ -5,11 +5,39 @@ title_of(facts)     # 'humanoid walk'
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TypedDict
 
 __all__ = ["Facts", "title_of"]
 
-Facts = dict[str, Any]  # Any: values of JSON, whose types are not known before it is read
+
+class Facts(TypedDict):
+    """The environments, the policy, and all else that episodes depend on except for their seeds.
+
+    Attributes:
+      domain, task: of the suite; absent for a user's own environments.
+      environment, environment_sha256: the function that makes these, and the hash of its source,
+        if that is known; absent for those of the suite.
+      policy, policy_sha256: its name, and the hash of its source or file, if that is known.
+      time_limit: seconds of an episode; None without one.
+      control_timestep: seconds.
+      action_repeat: control steps per action.
+      world: options by which the world differs from the suite's; absent or None if it does not.
+      versions: of the packages, by name.
+      fingerprint: of the compiled model; see `mujoco.fingerprint`.
+    """
+
+    domain: str
+    task: str
+    environment: str
+    environment_sha256: str | None
+    policy: str
+    policy_sha256: str | None
+    time_limit: float | None
+    control_timestep: float
+    action_repeat: int
+    world: Mapping[str, object] | None
+    versions: Mapping[str, str]
+    fingerprint: str
 
 
 def title_of(facts: Mapping[str, object]) -> str:

@@ -14,6 +14,7 @@ import hashlib
 import platform
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import dm_env
 import numpy as np
@@ -59,7 +60,7 @@ def identity_of(
     inner = control_of(environment)
     assert isinstance(inner, Environment)
     limit, control_timestep = inner.step_limit, inner.control_timestep()
-    return {
+    facts: dict[str, object] = {
         **factory.facts,
         "policy": actor.name,
         "policy_sha256": actor.sha256,
@@ -70,6 +71,7 @@ def identity_of(
         "versions": versions(),
         "fingerprint": fingerprint(inner.physics.model._model),
     }
+    return cast(Facts, facts)
 
 
 def canary_of(factory: Factory) -> str:
@@ -115,7 +117,7 @@ _Difference = tuple[str, object, object]
 
 
 def first_difference(
-    expected: Facts, found: Facts, any_processor: bool = False
+    expected: Mapping[str, object], found: Mapping[str, object], any_processor: bool = False
 ) -> _Difference | None:
     """Name, expected and found value of the first field that differs; None if all are equal.
 
@@ -137,7 +139,9 @@ def first_difference(
     return None
 
 
-def first_mismatch(expected: Facts, kept: Facts, any_processor: bool = False) -> _Difference | None:
+def first_mismatch(
+    expected: Mapping[str, object], kept: Mapping[str, object], any_processor: bool = False
+) -> _Difference | None:
     """First field by which kept episodes belong to another experiment; None if all match.
 
     Patch numbers of versions may differ, and further fields may be kept.

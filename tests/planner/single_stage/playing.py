@@ -38,4 +38,5 @@ def terms_of(domain: str, task: str, *plants: Callable[[Any], None]) -> dict[str
         batch.simulation.state[row] = single.simulation.save(None, ())["state"][0]
     batch.forward()
     with rows_of_a_batch(count):
-        return cost_for(env.task).weighted_terms(batch)
+        terms = cost_for(env.task).weighted_terms(batch)
+    return {name: np.asarray(term) for name, term in terms.items()}

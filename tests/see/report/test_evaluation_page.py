@@ -112,7 +112,7 @@ def test_diverged_episodes_and_other_versions_are_shown(tmp_path: Path) -> None:
     assert "<dt>Played with</dt><dd>mujoco 4.0.0; mujoco 4.0.1</dd>" in text
 
 
-def _of(episodes: int) -> dict[str, Any]:
+def _of(episodes: int) -> Any:
     """A result of many episodes, with two kinds of starts, whose returns are their numbers."""
     result = _result()
     entry = {"start": "in a corner", "length": 1000, "final_reward": 1 / 3, "success": True}
@@ -154,7 +154,7 @@ def test_a_page_of_many_episodes_has_a_sample_and_quantiles_and_stays_small(
     assert rows["mine"][-1] == rows["hanging"][0] == "29999.333"
 
 
-def _result() -> dict[str, Any]:
+def _result() -> Any:
     """A result of one episode, as `Evaluation.as_json` has it."""
     summary = {
         "episodes": 1,

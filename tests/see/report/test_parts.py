@@ -1,12 +1,14 @@
 """Parts of pages: text is escaped, tables and facts are complete."""
 
 from pathlib import Path
+from typing import cast
 
 import pytest
 
 from limberjack.see.report import parts
+from limberjack.utils.facts import Facts
 
-_RESULT = {"versions": {"mujoco": "4.0.0"}, "fingerprint": "abc"}
+_RESULT = cast(Facts, {"versions": {"mujoco": "4.0.0"}, "fingerprint": "abc"})
 _HOSTILE = "<b>&\"'"
 _TEXT = "&lt;b&gt;&amp;&quot;&#x27;"
 

@@ -7,9 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import AnyPhysics, Cost
+from limberjack.planner.cost import Cost
 from limberjack.planner.optimisers.icem import ICEM
 from limberjack.planner.settings import Settings
+from limberjack.suite import cheetah, hopper, quadruped, walker
+from limberjack.utils.arrays import Quantity
 
 __all__ = ["Cheetah", "Hopper", "Quadruped", "Walker"]
 
@@ -27,7 +29,7 @@ class Cheetah(Cost):
     )
     weights: ClassVar = {"tilt": 0.3, "effort": 0.02}
 
-    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
+    def terms(self, physics: cheetah.Physics) -> dict[str, Quantity]:
         """A tilt up to 60 degrees is free."""
         upright = physics.named.data.xmat["torso", "zz"]
         return {
@@ -52,7 +54,7 @@ class Walker(Cost):
     )
     weights: ClassVar = {"height": 1.0, "tilt": 0.5, "reward": 2.0, "effort": 0.02}
 
-    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
+    def terms(self, physics: walker.Physics) -> dict[str, Quantity]:
         """A torso that lies on the ground lacks about 1 m."""
         return {
             "height": np.maximum(1.3 - physics.torso_height(), 0.0),
@@ -77,7 +79,7 @@ class Hopper(Cost):
     )
     weights: ClassVar = {"height": 2.0, "tilt": 0.3, "balance": 1.0, "speed": 0.5}
 
-    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
+    def terms(self, physics: hopper.Physics) -> dict[str, Quantity]:
         """Speed counts where the body stands."""
         height, named = physics.height(), physics.named.data
         is_up = np.clip(height / 0.6, 0.0, 1.0)
@@ -97,7 +99,7 @@ class Quadruped(Cost):
     settings = Settings(horizon=1.0, knots=8, samples=40, interval=2, noise=1.0, optimiser=_WHITE)
     weights: ClassVar = {"tilt": 0.5, "effort": 0.05}
 
-    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
+    def terms(self, physics: quadruped.Physics) -> dict[str, Quantity]:
         """An upside-down torso costs 1 for its tilt."""
         return {
             "tilt": 1.0 - physics.torso_upright(),

@@ -10,7 +10,7 @@ from limberjack.see.report.curve import (
     write_learning_plot,
     write_return_plot,
 )
-from limberjack.see.report.evaluation_page import write_evaluation_page
+from limberjack.see.report.evaluation_page import EvaluationResult, write_evaluation_page
 from limberjack.see.report.labels import Label, Labels, labels_of
 from limberjack.see.report.page import write_page
 from limberjack.see.report.recorder import Recorder
@@ -18,6 +18,7 @@ from limberjack.see.report.result import Played, write_result
 from limberjack.see.report.trace import Step, Trace
 
 __all__ = [
+    "EvaluationResult",
     "Label",
     "Labels",
     "Played",

@@ -9,6 +9,7 @@ that it stays below five megabytes. There is no film, as the episodes were playe
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from limberjack.see.report import parts
 from limberjack.see.report.chart import line_chart, steps_of
 from limberjack.utils.facts import Facts, title_of
 
-__all__ = ["write_evaluation_page"]
+__all__ = ["EvaluationResult", "write_evaluation_page"]
 
 _MOST = 10_000  # episodes that a page lists, in up to 400 bytes each
 _SAMPLE = 1_000  # episodes that it lists of more
@@ -24,8 +25,63 @@ _QUANTILES = (0, 1, 5, 25, 50, 75, 95, 99, 100)  # percent
 
 _ACROSS = "over the share of episodes with less in percent"
 
+_Entry = TypedDict(
+    "_Entry",
+    {
+        "seed": int,
+        "return": float,
+        "length": int,
+        "start": NotRequired[str],  # its kind, if the task has several
+        "final_reward": float,
+        "success": bool,
+        "diverged": NotRequired[bool],
+    },
+)
 
-def write_evaluation_page(path: Path, result: Facts, command: str = "") -> None:
+
+class _Summary(TypedDict):
+    """Statistics of the returns of some episodes."""
+
+    episodes: int
+    mean: float
+    interval: Sequence[float] | None
+    median: float
+    success_rate: float
+    diverged: int
+
+
+class _SummaryOfPolicy(_Summary):
+    strata: Mapping[str, _Summary]  # by kind of start
+
+
+class _Floor(TypedDict):
+    returns: Sequence[float]
+
+
+class _Success(TypedDict):
+    last_steps: int
+    mean_reward_at_least: float
+
+
+class _Interval(TypedDict):
+    confidence: float
+    method: str
+    resamples: int
+
+
+class EvaluationResult(Facts):
+    """The contents of the result.json of an evaluation; of its entries those that are shown."""
+
+    seeds: str | Sequence[int]
+    success: _Success
+    interval: _Interval
+    summary: Mapping[str, _SummaryOfPolicy]  # by policy
+    episodes: Sequence[_Entry]  # of the evaluated policy
+    floors: Mapping[str, _Floor]  # by policy
+    versions_of_episodes: NotRequired[Sequence[Mapping[str, str]]]
+
+
+def write_evaluation_page(path: Path, result: EvaluationResult, command: str = "") -> None:
     """Writes the page whole, or leaves the one that is there.
 
     Args:
@@ -58,7 +114,7 @@ def write_evaluation_page(path: Path, result: Facts, command: str = "") -> None:
     parts.write_document(path, f"{name}, policy {policy}, evaluation", "\n".join(body), shown)
 
 
-def _sampled(result: Facts) -> Facts:
+def _sampled(result: EvaluationResult) -> EvaluationResult:
     """A result with some episodes, equally far from each other in the order of the seeds."""
     episodes, seeds = result["episodes"], result["seeds"]
     chosen = np.linspace(0, len(episodes) - 1, _SAMPLE).astype(int).tolist()
@@ -68,7 +124,7 @@ def _sampled(result: Facts) -> Facts:
     return {**result, "seeds": seeds, "episodes": sample, "floors": {}}
 
 
-def _quantiles(result: Facts) -> str:
+def _quantiles(result: EvaluationResult) -> str:
     """A row of quantiles for each policy, and for each kind of start of the evaluated one."""
     rows = [
         [name, *(f"{value:.3f}" for value in np.percentile(returns, _QUANTILES))]
@@ -77,14 +133,14 @@ def _quantiles(result: Facts) -> str:
     return parts.table("Quantiles", ["Policy<", *(f"{one} %" for one in _QUANTILES)], rows)
 
 
-def _subtitle(result: Facts) -> str:
+def _subtitle(result: EvaluationResult) -> str:
     text = f"Policy {result['policy']}, an action every {result['control_timestep']:g} s"
     if result["time_limit"] is not None:
         text += f", episodes of {result['time_limit']:g} s"
     return text
 
 
-def _figures(summary: Facts, result: Facts) -> Iterator[tuple[str, str]]:
+def _figures(summary: _Summary, result: EvaluationResult) -> Iterator[tuple[str, str]]:
     """The numbers that a reader looks for first."""
     yield "Episodes", str(summary["episodes"])
     yield "Mean return", f"{summary['mean']:.1f}"
@@ -97,7 +153,7 @@ def _figures(summary: Facts, result: Facts) -> Iterator[tuple[str, str]]:
         yield "Diverged", str(summary["diverged"])
 
 
-def _summaries(summaries: Mapping[str, Facts]) -> str:
+def _summaries(summaries: Mapping[str, _SummaryOfPolicy]) -> str:
     """A row for each policy, and for each kind of start."""
     rows = []
     for policy, summary in summaries.items():
@@ -107,7 +163,7 @@ def _summaries(summaries: Mapping[str, Facts]) -> str:
     return parts.table("Policies", columns, rows)
 
 
-def _row(policy: str, start: str, summary: Facts) -> list[str]:
+def _row(policy: str, start: str, summary: _Summary) -> list[str]:
     return [
         policy,
         start,
@@ -119,11 +175,11 @@ def _row(policy: str, start: str, summary: Facts) -> list[str]:
     ]
 
 
-def _interval(summary: Facts) -> str:
+def _interval(summary: _Summary) -> str:
     return "" if summary["interval"] is None else "{:.1f} to {:.1f}".format(*summary["interval"])
 
 
-def _explained(result: Facts) -> str:
+def _explained(result: EvaluationResult) -> str:
     success, interval = result["success"], result["interval"]
     return (
         f"Success: a mean reward of at least {success['mean_reward_at_least']} over the last "
@@ -133,7 +189,7 @@ def _explained(result: Facts) -> str:
     )
 
 
-def _charts(result: Facts) -> Iterator[str]:
+def _charts(result: EvaluationResult) -> Iterator[str]:
     """The returns of each policy, and those of the evaluated one by kind of start."""
     yield _distribution(f"Returns by policy, {_ACROSS}", _returns(result))
     by_start = _returns_by_start(result)
@@ -141,13 +197,13 @@ def _charts(result: Facts) -> Iterator[str]:
         yield _distribution(f"Returns of {result['policy']} by start, {_ACROSS}", by_start)
 
 
-def _returns(result: Facts) -> dict[str, list[float]]:
+def _returns(result: EvaluationResult) -> dict[str, Sequence[float]]:
     """The returns of each policy."""
-    own = {result["policy"]: [entry["return"] for entry in result["episodes"]]}
-    return own | {name: floor["returns"] for name, floor in result["floors"].items()}
+    floors = {name: floor["returns"] for name, floor in result["floors"].items()}
+    return {result["policy"]: [entry["return"] for entry in result["episodes"]], **floors}
 
 
-def _returns_by_start(result: Facts) -> dict[str, list[float]]:
+def _returns_by_start(result: EvaluationResult) -> dict[str, list[float]]:
     """The returns of the evaluated policy by kind of start; empty unless there are several."""
     found: dict[str, list[float]] = {}
     for entry in sorted(result["episodes"], key=lambda entry: entry.get("start", "")):
@@ -161,7 +217,7 @@ def _distribution(title: str, returns: Mapping[str, Sequence[float]]) -> str:
     return parts.card(line_chart(title, ends, lines, low=0.0, axis="percent"), "tall")
 
 
-def _episodes(episodes: Sequence[Facts]) -> str:
+def _episodes(episodes: Sequence[_Entry]) -> str:
     has_start = any("start" in entry for entry in episodes)
     columns = [
         "Seed",
@@ -185,7 +241,7 @@ def _episodes(episodes: Sequence[Facts]) -> str:
     return parts.table("Episodes", columns, rows)
 
 
-def _facts(result: Facts) -> Iterator[tuple[str, str]]:
+def _facts(result: EvaluationResult) -> Iterator[tuple[str, str]]:
     seeds = result["seeds"]
     yield "Seeds", seeds if isinstance(seeds, str) else ", ".join(map(str, seeds))
     if result.get("policy_sha256"):

@@ -18,9 +18,9 @@ import numpy as np
 from limberjack.see.report import parts
 from limberjack.see.report.chart import Line, line_chart, steps_of
 from limberjack.see.report.labels import Label
-from limberjack.see.report.result import Played
+from limberjack.see.report.result import Entry, Played, Result
 from limberjack.see.report.trace import Trace
-from limberjack.utils.facts import Facts, title_of
+from limberjack.utils.facts import title_of
 
 __all__ = ["write_page"]
 
@@ -29,7 +29,7 @@ _ABOUT_CONTROLS = "in brackets the force or torque of 1"
 
 def write_page(
     path: Path,
-    result: Facts,
+    result: Result,
     episodes: Sequence[Played],
     trace: Trace,
     film: Path | None,
@@ -81,7 +81,7 @@ def write_page(
     parts.write_document(path, f"{name}, policy {result['policy']}", "\n".join(body), result)
 
 
-def _subtitle(result: Facts) -> str:
+def _subtitle(result: Result) -> str:
     done, asked = len(result["episodes"]), result["episodes_asked_for"]
     text = f"Policy {result['policy']}, an action every {result['control_timestep']:g} s"
     if result["time_limit"] is not None:
@@ -89,7 +89,7 @@ def _subtitle(result: Facts) -> str:
     return text if done == asked else f"{text}; cut short after {done} of {asked} episodes"
 
 
-def _figures(result: Facts) -> Iterator[tuple[str, str]]:
+def _figures(result: Result) -> Iterator[tuple[str, str]]:
     """The numbers that a reader looks for first."""
     episodes = result["episodes"]
     returns = [entry["return"] for entry in episodes if entry["return"] is not None]
@@ -199,7 +199,7 @@ def _charts_of_all(episodes: Sequence[Played], control_timestep: float) -> Itera
         yield parts.card(line_chart(title, np.array([0.0, 100.0]), [line], axis="percent"))
 
 
-def _episode_table(episodes: Sequence[Facts]) -> str:
+def _episode_table(episodes: Sequence[Entry]) -> str:
     has_start = any("start" in entry for entry in episodes)
     columns = ["Seed", *(["Start<"] if has_start else []), "Return", "Steps"]
     rows = (

@@ -10,7 +10,7 @@ which is escaped here, unless they are called HTML.
 import html
 import json
 import string
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from limberjack.utils.facts import Facts
@@ -27,7 +27,7 @@ _FINGERPRINT = (
 )
 
 
-def write_document(path: Path, title: str, body: str, result: Facts) -> None:
+def write_document(path: Path, title: str, body: str, result: Mapping[str, object]) -> None:
     """Writes a document whole, or leaves the one that is there.
 
     Args:

@@ -23,10 +23,10 @@ from limberjack.see.report.result import FILM as _FILM
 from limberjack.see.report.result import PAGE as _PAGE
 from limberjack.see.report.result import PLOT as _PLOT
 from limberjack.see.report.result import RESULT as _RESULT
-from limberjack.see.report.result import Played, as_result, check_folder, write_result
+from limberjack.see.report.result import Played, Result, as_result, check_folder, write_result
 from limberjack.see.report.trace import Step, Trace
 from limberjack.see.video import Film, Rendered, first_camera
-from limberjack.utils.facts import Facts, title_of
+from limberjack.utils.facts import title_of
 from limberjack.utils.files import Hold, Partial
 
 __all__ = ["Recorder"]
@@ -127,7 +127,9 @@ class Recorder:
         self.drop_film()
         self._trace = None
 
-    def write(self, run: Facts, episodes: Sequence[Played], model_fingerprint: str) -> None:
+    def write(
+        self, run: Mapping[str, object], episodes: Sequence[Played], model_fingerprint: str
+    ) -> None:
         """Write result.json, return.png, video.mp4 and report.html, and no files of earlier runs.
 
         Args:
@@ -142,17 +144,18 @@ class Recorder:
         self.written.append(self._directory / _RESULT)
         for name in (_PLOT, _FILM, _PAGE):  # of an earlier run
             (self._directory / name).unlink(missing_ok=True)
+        result = as_result(run, episodes, model_fingerprint)
         if episodes:
-            self._write_plot(run, episodes)
+            self._write_plot(result, episodes)
         self._write_film()
         if episodes:
-            self._write_page(as_result(run, episodes, model_fingerprint), episodes)
+            self._write_page(result, episodes)
 
-    def _write_plot(self, run: Facts, episodes: Sequence[Played]) -> None:
-        title = f"{title_of(run)}, policy {run['policy']}"
+    def _write_plot(self, result: Result, episodes: Sequence[Played]) -> None:
+        title = f"{title_of(result)}, policy {result['policy']}"
         path = self._directory / _PLOT
         try:
-            write_return_plot(path, title, episodes, run["control_timestep"])
+            write_return_plot(path, title, episodes, result["control_timestep"])
         except ImportError as error:
             self._leave_out(_PLOT, error)
         else:
@@ -168,7 +171,7 @@ class Recorder:
                 self._leave_out(_FILM, error)
         self.drop_film()
 
-    def _write_page(self, result: Facts, episodes: Sequence[Played]) -> None:
+    def _write_page(self, result: Result, episodes: Sequence[Played]) -> None:
         if self._trace is None:
             return
         film, path = self._directory / _FILM, self._directory / _PAGE

@@ -13,7 +13,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import NotRequired, Protocol, TypedDict, cast
 
 import numpy as np
 
@@ -27,7 +27,9 @@ __all__ = [
     "PAGE",
     "PLOT",
     "RESULT",
+    "Entry",
     "Played",
+    "Result",
     "as_result",
     "check_folder",
     "write_result",
@@ -41,6 +43,19 @@ EVALUATION = "episodes*.jsonl"  # as `limberjack.evaluation.store` calls them
 
 # Entries that are equal in all results of a folder, where they have them.
 _SAME = ("domain", "task", "environment", "policy")
+
+
+# Of an episode. A return is None if it is no finite number.
+Entry = TypedDict(
+    "Entry", {"seed": int, "return": float | None, "length": int, "start": NotRequired[str]}
+)
+
+
+class Result(Facts):
+    """The contents of result.json."""
+
+    episodes: Sequence[Entry]
+    episodes_asked_for: int
 
 
 class Played(Protocol):
@@ -96,23 +111,26 @@ def write_result(
 
 def as_result(
     run: Mapping[str, object], episodes: Sequence[Played], model_fingerprint: str
-) -> Facts:
+) -> Result:
     """The contents of result.json; arguments are those of `write_result`."""
-    return {
+    result: dict[str, object] = {
         **run,
         "episodes": [_episode_entry(episode) for episode in episodes],
         "versions": versions(),
         "fingerprint": model_fingerprint,
     }
+    return cast(Result, result)
 
 
-def _episode_entry(episode: Played) -> dict[str, object]:
-    entry: dict[str, object] = {
+def _episode_entry(episode: Played) -> Entry:
+    entry: Entry = {
         "seed": episode.seed,
         "return": episode.total if math.isfinite(episode.total) else None,
         "length": episode.length,
     }
-    return entry if episode.start is None else {**entry, "start": episode.start}
+    if episode.start is not None:
+        entry["start"] = episode.start
+    return entry
 
 
 def check_folder(directory: Path, run: Mapping[str, object]) -> None:
