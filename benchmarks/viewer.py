@@ -114,9 +114,9 @@ class _Scene:
 
 _CARTPOLE = ("cartpole", "swingup")
 _SCENES = (
-    _Scene("finger spin, fast", ("finger", "spin"), True, "fast"),
-    _Scene("cartpole swingup, fast", _CARTPOLE, False, "fast"),
-    _Scene("cartpole swingup", _CARTPOLE, False, "full"),
+    _Scene("finger spin", ("finger", "spin"), True, "auto"),
+    _Scene("cartpole swingup", _CARTPOLE, False, "auto"),
+    _Scene("cartpole swingup, full", _CARTPOLE, False, "full"),
 )
 
 

@@ -60,12 +60,18 @@ class Nothing(base.Task):
             print(session.status().policy, physics.control()[0], file=file)
         return 0.5
 
+class Told(Session):
+    def drawn_by_software(self):
+        super().drawn_by_software()
+        with open("told", "a") as told:
+            print("by software", file=told)
+
 session = None
 file = open("spied", "w", buffering=1)
 physics = Physics.from_xml_string(MODEL)
 environment = control.Environment(physics, Nothing(0), time_limit=1000, control_timestep=0.02)
 show = viewer.in_browsers(Access(find_address()), "box", lambda url: print(url, flush=True))
-session = Session(environment, seed=3, policies=viewer.offered(environment, ["none", "random"]))
+session = Told(environment, seed=3, policies=viewer.offered(environment, ["none", "random"]))
 show(session)
 """
 
@@ -116,6 +122,11 @@ def test_a_policy_is_switched_at_the_panel(viewed: _Viewed) -> None:
         _click(viewed.page, _POLICIES)
         _click(viewed.page, _SECOND)
     wait(lambda: viewed.lines()[-1] != viewed.lines()[-2])
+
+
+def test_a_page_without_a_graphics_card_says_so(viewed: _Viewed) -> None:
+    wait(lambda: (viewed.directory / "told").exists())
+    assert (viewed.directory / "told").read_text() == "by software\n"
 
 
 def test_who_comes_second_watches_only(viewed: _Viewed) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import arm_datasets
 import pytest
@@ -23,6 +24,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         collect(domain, task, "random", seeds, out=out, time_limit=0.05, num_threads=1)
 
     monkeypatch.setattr(data, "collect", short)
+    monkeypatch.setattr(arm_datasets, "evaluate", lambda *asked, **kwargs: None)
 
 
 @pytest.mark.usefixtures("quick")
@@ -44,6 +46,26 @@ def test_a_second_run_reproduces_the_hashes_of_the_cards(
         arm_datasets.main(tmp_path / "three", ["stack_2"], episodes=1, compare=one)
     assert caught.value.code == 1
     assert f"other hashes than in {one}: stack_2/seeds-" in capsys.readouterr().err
+
+
+def test_the_episodes_of_a_dataset_are_evaluated_and_only_the_baselines_are_played(
+    tmp_path: Path, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def evaluated(domain: str, task: str, policy: str, seeds: range, **kwargs: Any) -> None:
+        lines = (kwargs["out"] / "episodes.jsonl").read_text(encoding="utf-8").splitlines()
+        asked.append((domain, task, policy, seeds, [json.loads(line) for line in lines[1:]]))
+
+    monkeypatch.setattr(arm_datasets, "evaluate", evaluated)
+    for _ in range(2):  # as a run that was killed after it
+        arm_datasets.main(tmp_path, ["stack_4"], episodes=2)
+        *command, scores = asked.pop()
+        assert command == ["stacker", "stack_4", "planner", range(10_000, 10_002)]
+        episodes = list(data.load(tmp_path / "stack_4"))
+        assert [score["seed"] for score in scores] == [10_000, 10_001]
+        assert [score["total"] for score in scores] == [episode.total for episode in episodes]
+        assert {score["policy"] for score in scores} == {"planner"}
 
 
 def test_an_unknown_task_is_refused_before_anything_is_made(tmp_path: Path) -> None:

@@ -25,8 +25,13 @@ class _Served:
     def __init__(self, address: Address) -> None:
         self.access = Access(address, ["viewer.example.org"])
         self.guard = Guard(
-            self.access, server.serve, server.ServerConnection, addition=b"<p>more</p>"
+            self.access,
+            server.serve,
+            server.ServerConnection,
+            addition=b"<p>more</p>",
+            reports={"/slow": lambda: self.reported.append("slow")},
         )
+        self.reported: list[str] = []
         self.page = "xx"
         self.port = address.port
         self.cookie = f"limberjack-{self.port}={self.access.token}"
@@ -92,6 +97,13 @@ def test_the_page_alone_has_the_addition_and_its_length(served: _Served) -> None
     assert answer.headers["content-length"] == str(len(answer.text))
     assert ask(served.port, "/other", {"Cookie": served.cookie}).text == "<body></body>"
     assert "more" not in ask(served.port, "/", {}).text  # which is refused
+
+
+def test_a_report_of_the_page_is_heard_and_reaches_nothing_else(served: _Served) -> None:
+    assert ask(served.port, "/slow", {}).status == 403
+    assert served.reported == []
+    assert ask(served.port, "/slow", {"Cookie": served.cookie}).status == 204
+    assert (served.reported, served.reached) == (["slow"], [])
 
 
 def test_no_other_page_can_read_an_answer_or_frame_it(served: _Served) -> None:

@@ -149,6 +149,13 @@ def test_a_speed_and_a_seed_are_chosen(arm: _Shown) -> None:
     assert arm.session.status().seed == 42
 
 
+def test_a_quality_is_chosen(arm: _Shown) -> None:
+    assert "quality: auto full fast" in arm.draw(quality=2)
+    assert arm.session.status().quality == "fast"
+    arm.draw(quality=0)
+    assert arm.session.status().quality == "auto"
+
+
 def test_each_kind_of_start_has_a_button(arm: _Shown) -> None:
     for kind in ("far", "close", "far"):
         arm.draw(**{kind: True})

@@ -585,6 +585,37 @@ def test_a_fast_view_of_a_users_task_has_its_model(physics: Physics, flags: int)
     assert model.vis.quality.shadowsize == 0
 
 
-def test_an_unknown_quality_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match=r"quality is 'quick'; expected 'full' or 'fast'"):
+def test_a_browser_that_draws_by_software_is_shown_the_fast_view_unless_another_is_asked_for() -> (
+    None
+):
+    session = Session(suite.load("cartpole", "swingup", {"random": 0}))
+    shadows = session.model.vis.quality.shadowsize
+    assert (session.status().quality, _shadows(session)) == ("auto", shadows)
+    before = session.model_version
+    session.drawn_by_software()
+    assert session.model_version > before  # so that it is drawn now
+    assert (session.status().quality, _shadows(session)) == ("auto", 0)
+    assert session.copy_model().numeric("filament.ao.enabled").data == [0.0]
+    session.set_quality("full")
+    session.drawn_by_software()
+    assert (session.status().quality, _shadows(session)) == ("full", shadows)
+    assert session.copy_model().nnumeric == 0
+    session.set_quality("fast")
+    assert _shadows(session) == 0
+    session.set_quality("auto")
+    assert _shadows(session) == shadows
+
+
+def _shadows(session: Session) -> int:
+    return session.copy_model().vis.quality.shadowsize
+
+
+def test_an_unknown_quality_is_refused_by_name_and_changes_nothing() -> None:
+    refusal = "quality is 'quick'; expected auto, full, fast"
+    with pytest.raises(ValueError, match=refusal):
         Session(suite.load("cartpole", "swingup"), quality="quick")
+    session = Session(suite.load("cartpole", "swingup"), quality="fast")
+    before = session.model_version
+    with pytest.raises(ValueError, match=refusal):
+        session.set_quality("quick")
+    assert (session.status().quality, session.model_version) == ("fast", before)

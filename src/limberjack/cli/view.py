@@ -78,9 +78,9 @@ def _view(
         str,
         typer.Option(
             metavar="NAME",
-            help="full, or fast: no shadows and reflections, for browsers without a GPU.",
+            help="full, or fast: no shadows and reflections; auto is fast without a GPU.",
         ),
-    ] = "full",
+    ] = "auto",
     native: Annotated[
         bool, typer.Option("--native", help="Open a window instead of serving a browser.")
     ] = False,
@@ -118,7 +118,6 @@ def _view(
         factory = factory_of(*where, finite(time_limit), world_named(env, faults, appearance))
         plans = Plans()
         named = {"--env": env, "--faults": faults, "--appearance": appearance}
-        named["--quality"] = None if quality == "full" else quality
         worded = _command_line((domain, task), named, time_limit, explain)
         show = _find_viewer(native, host, port, allow_host or [], factory.title, plans, worded)
         environment = _viewable(factory.make(seed))
@@ -194,6 +193,8 @@ def _command_line(
             words += ["--seed", str(status.seed)]
         if status.speed != 1:
             words += ["--speed", f"{status.speed:.3g}"]
+        if status.quality != "auto":
+            words += ["--quality", status.quality]
         return shlex.join(words + ["--explain"] * explain)
 
     return worded

@@ -20,7 +20,7 @@ from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.access import Access, find_address
 from limberjack.viewer.panel import Weigh, Worded
-from limberjack.viewer.session import NO_POLICY, Act, Begin, Plan, Session, Viewed, idle
+from limberjack.viewer.session import AUTO, NO_POLICY, Act, Begin, Plan, Session, Viewed, idle
 
 if TYPE_CHECKING:
     from limberjack.planner import Planner
@@ -53,7 +53,7 @@ def launch(
     speed: float = 1.0,
     announce: Callable[[str], object] = print,
     explain: bool = False,
-    quality: str = "full",
+    quality: str = AUTO,
 ) -> None:
     """Shows a live environment until the viewer is closed, or Ctrl-C is pressed.
 
@@ -79,8 +79,8 @@ def launch(
       announce: called with the address to open in a browser, which carries the token that lets
         it in.
       explain: show stage, terms and weights of the plans of the policy 'planner', which is offered.
-      quality: 'fast' shows no shadows, reflections, darkened corners and smooth edges, for
-          browsers without a GPU.
+      quality: 'fast' shows no shadows, reflections, darkened corners and smooth edges; 'full' shows
+        them; 'auto' shows them unless a browser draws without a GPU.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.

@@ -5,7 +5,8 @@
 
 `Guard.serve` takes the place of `serve` in MuJoCo Studio, which calls it. A request that is refused
 gets status 403 and a line of text, and reaches nothing of Studio's. A connection that has made no
-permitted request ten seconds after it was opened is closed. The page can have an addition.
+permitted request ten seconds after it was opened is closed. The page can have an addition, which
+reports by requests of its own.
 
 It imports neither `websockets` nor MuJoCo Studio: it is given both.
 """
@@ -13,7 +14,7 @@ It imports neither `websockets` nor MuJoCo Studio: it is given both.
 import asyncio
 import concurrent.futures
 import weakref
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from http import HTTPStatus
 from typing import TYPE_CHECKING
 
@@ -50,7 +51,12 @@ class Guard:
     """One server's checks; see the module's docstring."""
 
     def __init__(
-        self, access: Access, serve: "_Serve", connect: "_Connect", addition: bytes = b""
+        self,
+        access: Access,
+        serve: "_Serve",
+        connect: "_Connect",
+        addition: bytes = b"",
+        reports: Mapping[str, Callable[[], object]] | None = None,
     ) -> None:
         """Prepares them.
 
@@ -59,7 +65,9 @@ class Guard:
           serve: of `websockets.asyncio.server`.
           connect: its `ServerConnection`.
           addition: HTML for the end of the page's body.
+          reports: by path, what is called, in the server's thread, when it is requested.
         """
+        self._reports = reports or {}
         self._addition = addition
         self._access = access
         self._serve = serve
@@ -91,6 +99,10 @@ class Guard:
             if refusal is not None:
                 return connection.respond(403, f"limberjack: {refusal}\n")
             self._permitted.add(connection)
+            report = self._reports.get(request.path.partition("?")[0])
+            if report is not None:
+                report()
+                return connection.respond(HTTPStatus.NO_CONTENT, "")
             return process_request(connection, request)
 
         def finish(

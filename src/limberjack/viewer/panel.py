@@ -15,7 +15,7 @@ from types import ModuleType
 
 import numpy as np
 
-from limberjack.viewer.session import Actuator, Plan, Session, Status
+from limberjack.viewer.session import QUALITIES, Actuator, Plan, Session, Status
 
 __all__ = ["Panel", "Weigh", "Wish", "Worded"]
 
@@ -138,7 +138,7 @@ class Panel:
         imgui.SetItemTooltip("Keys")
 
     def _draw_choices(self, status: Status) -> None:
-        """Policy, speed, seed and start."""
+        """Policy, speed, seed, start and quality."""
         imgui = self._imgui
         now = self._policies.index(status.policy)
         changed, chosen = imgui.Combo("policy", now, list(self._policies))
@@ -160,6 +160,12 @@ class Panel:
             if imgui.SmallButton(kind):
                 self._send(lambda session, kind=kind: session.begin_kind(kind))
             imgui.SetItemTooltip("The next start of this kind")
+        now = QUALITIES.index(status.quality)
+        changed, chosen = imgui.Combo("quality", now, list(QUALITIES))
+        if changed and chosen != now:
+            quality = QUALITIES[chosen]
+            self._send(lambda session: session.set_quality(quality))
+        imgui.SetItemTooltip("fast: no shadows, reflections, darkened corners and smooth edges")
 
     def _draw_episode(self, status: Status) -> None:
         imgui = self._imgui

@@ -23,7 +23,6 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.dressing import dressed, look_of
-from limberjack.mujoco.pictures import check_quality
 from limberjack.mujoco.recompiling import spec_of
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
@@ -31,10 +30,13 @@ from limberjack.rl.control import Environment, PhysicsError
 from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
+from limberjack.utils.suggest import did_you_mean
 from limberjack.worlds.appearance.looks import Look
 
 __all__ = [
+    "AUTO",
     "NO_POLICY",
+    "QUALITIES",
     "Act",
     "Actuator",
     "Begin",
@@ -47,6 +49,8 @@ __all__ = [
 ]
 
 NO_POLICY = "none"  # name of `idle`, whose action a person may set
+AUTO = "auto"  # the quality that depends on what draws
+QUALITIES = (AUTO, "full", "fast")
 
 Act = Callable[[dm_env.TimeStep], object]  # to an action, which the environment checks
 # Any: a `control.Environment`, a wrapper of one or another library's, by its attributes.
@@ -101,6 +105,7 @@ class Status:
     policy: str = NO_POLICY  # the name of the one that acts
     action: tuple[float, ...] = ()  # that a person has set, where no policy acts
     plan: Plan | None = None  # the last one, where plans are shown
+    quality: str = AUTO  # that was asked for
 
 
 def idle(environment: Environment, seed: int) -> Act:
@@ -143,7 +148,7 @@ class Session:
         clock: Callable[[], float] = time.perf_counter,
         plan: Callable[[], Plan | None] = lambda: None,
         policies: Mapping[str, Begin] | None = None,
-        quality: str = "full",
+        quality: str = AUTO,
     ) -> None:
         """Begins the first episode.
 
@@ -157,7 +162,7 @@ class Session:
           plan: returns the policy's last plan in this episode.
           policies: by name, in the place of `begin`; the first acts until another one is chosen.
           quality: 'fast' shows the model without shadows, reflections, darkened corners and smooth
-            edges.
+            edges, 'full' with them, and 'auto' with them unless a browser draws without a GPU.
 
         Raises:
           TypeError: the environment has no MuJoCo simulation to show.
@@ -165,10 +170,7 @@ class Session:
             quality is unknown.
           TypeError: the seed is not a whole number.
         """
-        check_quality(quality)
-        self._is_full = quality == "full"
         self._environment = environment
-        self._flagged = None if self._is_full else self._compiled_without_occlusion()
         self._task = getattr(environment, "task", None)
         _ = self.data  # before anything happens
         if seed is not None:
@@ -195,6 +197,8 @@ class Session:
         self._digest: int | None = None
         self._model_version = 0
         self._copied_version = (0, 0)  # which model has which version
+        self._flagged: mujoco.MjModel | None = None  # compiled for the quality 'fast'
+        self.set_quality(quality)
         self._begin_episode()
 
     # Called for the person at the viewer.
@@ -320,6 +324,31 @@ class Session:
             raise ValueError(f"speed is {speed}; expected a positive number, such as 1 or 0.5")
         self._speed = float(speed)
 
+    def set_quality(self, quality: str) -> None:
+        """Shows the model in another quality from now on; see `__init__`.
+
+        Raises:
+          ValueError: the quality is unknown; nothing changes.
+        """
+        if quality not in QUALITIES:
+            raise ValueError(
+                f"quality is {quality!r}; expected {', '.join(QUALITIES)}."
+                f"{did_you_mean(quality, QUALITIES)}"
+            )
+        self._quality = quality
+        self._set_fast(quality == "fast")
+
+    def drawn_by_software(self) -> None:
+        """Notices that a browser draws without a GPU, which decides on the quality 'auto'."""
+        if self._quality == AUTO:
+            self._set_fast(True)
+
+    def _set_fast(self, fast: bool) -> None:
+        if fast and self._flagged is None:
+            self._flagged = self._compiled_without_occlusion()
+        self._is_fast = fast
+        self._model_version += 1
+
     def push(self, forces: np.ndarray) -> None:
         """Pushes bodies from now on, until the next call.
 
@@ -415,10 +444,10 @@ class Session:
     def copy_model(self) -> mujoco.MjModel:
         """A copy of the model, for the viewer to keep, in the look of this moment."""
         model, look = self.model, self._look
-        if self._flagged is not None:
+        if self._is_fast and self._flagged is not None:
             model = _with_fields_of(model, self._flagged) or model
         model = copy.copy(model) if look is None else dressed(look, model, self.data)
-        if not self._is_full:
+        if self._is_fast:
             _simplify(model)
         return model
 
@@ -445,7 +474,7 @@ class Session:
         """
         if self._copied_version == (id(model), self._model_version):
             return []
-        is_as_it_is = self._is_full and self._look is None
+        is_as_it_is = self._look is None and not self._is_fast
         now, changed = self.model if is_as_it_is else self.copy_model(), []
         for name in dir(now):
             mine = getattr(now, name)
@@ -489,6 +518,7 @@ class Session:
             policy=self._policy,
             action=self._shown_action(),
             plan=self._plan(),
+            quality=self._quality,
         )
 
     def _terms(self) -> Mapping[str, float]:

@@ -19,7 +19,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -54,7 +54,8 @@ __all__ = ["run"]
 
 _OfStudio = Any  # an object of MuJoCo Studio, which is not typed
 
-_RECORDER = Path(__file__).with_name("recorder.html")
+_ADDITION = Path(__file__).with_name("addition.html")  # to Studio's page
+_BY_SOFTWARE = "/drawn-by-software"  # what it requests where no GPU draws
 _BREATH = 0.002  # seconds between two readings of the clock; other threads draw meanwhile
 _START_LIMIT = 60.0  # seconds that Studio may take to start
 _GUARD_LIMIT = 30.0  # seconds that its server may take to listen; it takes milliseconds
@@ -89,7 +90,8 @@ def run(
     with _listening(access) as sock, _private_settings(ux):
         shown = app.App(app.Config(show_options=False, show_inspector=False))
         plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
-        with _launch(access, sock, title, plugins) as handle:
+        reports = {_BY_SOFTWARE: panel.is_drawn_by_software.set}
+        with _launch(access, sock, title, plugins, reports) as handle:
             _wait_until(panel.is_ready.is_set, handle)
             if announce is not None:
                 announce(access.url)
@@ -269,6 +271,7 @@ class _Panel(plugin.ViewerPlugin):
         self, session: Session, title: str, weigh: Weigh | None, command: Worded | None
     ) -> None:
         self.is_ready = threading.Event()
+        self.is_drawn_by_software = threading.Event()  # which another thread sets
         self._panel = Panel(title, session, self._send, imgui, implot, weigh, command)
 
     def _send(self, wish: Wish) -> None:
@@ -288,6 +291,9 @@ class _Panel(plugin.ViewerPlugin):
     @messages.handler
     def on_build_gui(self, event: messages.BuildGuiEvent) -> None:
         """Draws the panel, again for each frame."""
+        if self.is_drawn_by_software.is_set():
+            self.is_drawn_by_software.clear()
+            self._send(lambda session: session.drawn_by_software())
         self._panel.draw()
 
 
@@ -295,7 +301,13 @@ def _pause_state(paused: bool) -> _OfStudio:
     return sim.PauseState.NORMAL_PAUSED if paused else sim.PauseState.UNPAUSED
 
 
-def _launch(access: Access, sock: socket.socket, title: str, plugins: list[_OfStudio]) -> _OfStudio:
+def _launch(
+    access: Access,
+    sock: socket.socket,
+    title: str,
+    plugins: list[_OfStudio],
+    reports: Mapping[str, Callable[[], object]],
+) -> _OfStudio:
     """Starts Studio in a thread of its own; returns its `ViewerHandle`."""
     # It reports each browser that comes and goes on standard output.
     logging.getLogger("WebServer").setLevel(logging.WARNING)
@@ -303,7 +315,7 @@ def _launch(access: Access, sock: socket.socket, title: str, plugins: list[_OfSt
     of_viewer, of_loop = plugin.split_plugins(plugins)
 
     def show(endpoint: _OfStudio) -> None:
-        viewer = _WebViewer(access, sock, config, endpoint, plugins=of_viewer)
+        viewer = _WebViewer(access, sock, reports, config, endpoint, plugins=of_viewer)
         viewer_protocol.run_viewer_loop(viewer)
 
     return launch_thread.launch_thread(show, sim_plugins=of_loop)
@@ -312,9 +324,15 @@ def _launch(access: Access, sock: socket.socket, title: str, plugins: list[_OfSt
 class _WebViewer(web_viewer.WebViewer):
     """Studio's web viewer: guarded, on a socket of ours, silent, and closed to files."""
 
-    # Any: of Studio's own class.
-    def __init__(self, access: Access, sock: socket.socket, *args: Any, **kwargs: Any) -> None:
-        self._access = access
+    def __init__(
+        self,
+        access: Access,
+        sock: socket.socket,
+        reports: Mapping[str, Callable[[], object]],
+        *args: Any,  # of Studio's own class
+        **kwargs: Any,
+    ) -> None:
+        self._access, self._reports = access, reports
         # MuJoCo 4.0 binds to all networks and prints its addresses, and has no options for it.
         with (
             _replaced(web_server, "bind_public_socket", lambda host, port: sock),
@@ -327,8 +345,8 @@ class _WebViewer(web_viewer.WebViewer):
 
     def _start_server(self) -> None:
         """Starts the server with the guard in it; without it, the viewer closes."""
-        addition = _RECORDER.read_bytes()
-        guard = Guard(self._access, web_server.serve, web_server.ServerConnection, addition)
+        serve, connect = web_server.serve, web_server.ServerConnection
+        guard = Guard(self._access, serve, connect, _ADDITION.read_bytes(), self._reports)
         try:
             with _replaced(web_server, "serve", guard.serve):
                 super()._start_server()
