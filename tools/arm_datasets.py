@@ -3,12 +3,14 @@
     python tools/arm_datasets.py --out arm                              # all six, seeds 10000:10100
     python tools/arm_datasets.py bring_ball --out again --compare arm
 
-The episodes of a task go to a folder of its name, and its card beside it, such as bring_ball.md. An
-episode takes 10 to 20 core-seconds, so a task up to half an hour of one core; a killed run
-continues. A card names returns, versions, licence, command and hashes. With --compare the run ends
-with status 1 unless the files have the hashes that the cards in another folder list.
+The episodes of a task go to a folder of its name, and its card beside it, such as bring_ball.md;
+their evaluation, for which only the baselines are played, goes to a folder such as
+bring_ball-scores. An episode takes 10 to 40 core-seconds, so a task up to an hour of one core; a
+killed run continues. A card names returns, versions, licence, command and hashes. With --compare
+the run ends with status 1 unless the files have the hashes that the cards in another folder list.
 """
 
+import contextlib
 import re
 import sys
 from pathlib import Path
@@ -18,6 +20,9 @@ import typer
 
 from limberjack import data, suite
 from limberjack.data import Information
+from limberjack.episodes.player import Player
+from limberjack.evaluation import Score, evaluate
+from limberjack.evaluation.store import Store
 from limberjack.utils.files import replacing
 
 __all__ = ["card_of", "hashes_in", "main"]
@@ -95,6 +100,7 @@ def main(
     differing: list[str] = []
     for task in chosen:
         files = _make(task, out, episodes, workers)
+        _evaluate(task, out, episodes)
         typer.echo(_card(out, task))
         if compare:
             names = {name for name, _ in expected[task].items() ^ files.items()}
@@ -106,7 +112,7 @@ def main(
 
 def _make(task: str, out: Path, episodes: int, workers: int | None) -> dict[str, str]:
     """Collects a task's dataset and writes its card; returns the hashes of its files, by name."""
-    domain, seeds = _ARM[task], range(_FIRST_SEED, _FIRST_SEED + episodes)
+    domain, seeds = _ARM[task], _seeds(episodes)
     asked = f"--seeds {seeds.start}:{seeds.stop}"
     command = f"limberjack collect {domain} {task} --policy {_POLICY} {asked}"
     data.collect(domain, task, _POLICY, seeds, out=out / task, workers=workers, command=command)
@@ -114,6 +120,26 @@ def _make(task: str, out: Path, episodes: int, workers: int | None) -> dict[str,
     with replacing(_card(out, task)) as partial:
         partial.write_text(card_of(information, f"{command} --out DIR"), encoding="utf-8")
     return information.files
+
+
+def _evaluate(task: str, out: Path, episodes: int) -> None:
+    """Evaluates the episodes of a dataset beside those of the baselines."""
+    domain, seeds, folder = _ARM[task], _seeds(episodes), out / f"{task}-scores"
+    player = Player(domain, task, _POLICY, seeds, is_kept=True)
+    with (
+        contextlib.closing(player),
+        contextlib.closing(Store(folder, player.identity, canary=player.canary)) as store,
+    ):
+        known = store.scores[_POLICY]
+        played = map(Score.of, data.load(out / task))
+        store.add(_POLICY, (score for score in played if score.seed not in known))
+    command = f"limberjack evaluate {domain} {task} --policy {_POLICY} "
+    asked = f"--seeds {seeds.start}:{seeds.stop} --out DIR"
+    evaluate(domain, task, _POLICY, seeds, out=folder, command=command + asked)
+
+
+def _seeds(episodes: int) -> range:
+    return range(_FIRST_SEED, _FIRST_SEED + episodes)
 
 
 def _card(folder: Path, task: str) -> Path:
