@@ -58,7 +58,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (" and imgui.GetIO().KeyShift:", ":"),
     ],
     "viewer/session.py": [
-        ("is_as_it_is = self._is_full and self._look is None", "is_as_it_is = self._look is None"),
+        ("is_as_it_is = self._look is None and not self._is_fast", "is_as_it_is = not self._look"),
+        ("        if self._quality == AUTO:\n", "        if True:\n"),
+        (
+            "        self._is_fast = fast\n        self._model_version += 1\n",
+            "        self._is_fast = fast\n",
+        ),
+        ("if self._is_fast and self._flagged is not None:", "if self._flagged is not None:"),
+        ("        self._quality = quality\n", ""),
         ("    model.light_castshadow[:] = False\n", ""),
         ("data=[0.0])", "data=[1.0])"),
         ("            mine[...] = value\n", ""),
@@ -632,7 +639,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("seed=episode.seed", "seed=number"),
         ('"terminations": episode.terminated', '"terminations": episode.truncated'),
         ("            if name != PIXELS_KEY  # the", "            if True  # the"),
-        (', **facts.get("world", {})}', "}"),
+        (', **(facts.get("world") or {})}', "}"),
     ],
     "episodes/pictures.py": [
         ("        one.reset()  # draws the model fields\n", ""),
@@ -1207,6 +1214,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "        if True:\n            asyncio",
         ),
         ('"max_size": _LONGEST_MESSAGE, ', ""),
+        ("                report()\n", ""),
+        (
+            '                return connection.respond(HTTPStatus.NO_CONTENT, "")\n',
+            "",
+        ),
         ("            self._started.set_exception(error)\n", ""),
     ],
 }

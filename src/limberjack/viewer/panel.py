@@ -10,7 +10,7 @@ MuJoCo Studio, which draws in the browser of the person in control, and that of 
 """
 
 import collections
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import ModuleType
 
 import numpy as np
@@ -140,10 +140,8 @@ class Panel:
     def _draw_choices(self, status: Status) -> None:
         """Policy, speed, seed, start and quality."""
         imgui = self._imgui
-        now = self._policies.index(status.policy)
-        changed, chosen = imgui.Combo("policy", now, list(self._policies))
-        if changed and chosen != now:
-            policy = self._policies[chosen]
+        policy = self._choose("policy", self._policies, status.policy)
+        if policy is not None:
             self._send(lambda session: session.choose(policy))
         changed, speed = imgui.SliderFloat("speed", status.speed, _SLOWEST, _FASTEST, "%.2f x")
         if changed and speed > 0:
@@ -160,12 +158,16 @@ class Panel:
             if imgui.SmallButton(kind):
                 self._send(lambda session, kind=kind: session.begin_kind(kind))
             imgui.SetItemTooltip("The next start of this kind")
-        now = QUALITIES.index(status.quality)
-        changed, chosen = imgui.Combo("quality", now, list(QUALITIES))
-        if changed and chosen != now:
-            quality = QUALITIES[chosen]
+        quality = self._choose("quality", QUALITIES, status.quality)
+        if quality is not None:
             self._send(lambda session: session.set_quality(quality))
         imgui.SetItemTooltip("fast: no shadows, reflections, darkened corners and smooth edges")
+
+    def _choose(self, label: str, names: Sequence[str], name: str) -> str | None:
+        """The name that the person has chosen from a list; None if it is the present one."""
+        now = names.index(name)
+        changed, chosen = self._imgui.Combo(label, now, list(names))
+        return names[chosen] if changed and chosen != now else None
 
     def _draw_episode(self, status: Status) -> None:
         imgui = self._imgui
