@@ -167,7 +167,7 @@ class Panel:
         """The name that the person has chosen from a list; None if it is the present one."""
         now = names.index(name)
         changed, chosen = self._imgui.Combo(label, now, list(names))
-        return names[chosen] if changed and chosen != now else None
+        return names[int(chosen)] if changed and chosen != now else None
 
     def _draw_episode(self, status: Status) -> None:
         imgui = self._imgui

@@ -32,11 +32,10 @@ def test_what_remains_falls_along_the_path_and_rises_beside_it() -> None:
 
 
 def test_going_straight_to_points_behind_a_bend_costs_more_unless_they_are_in_sight() -> None:
-    path = Path(np.array([[0.0, 0, 0, 0], [0.0, 2, 0, 0], [0.5, 0, 0, 0]]), joint_sum)
-    begin = np.zeros((1, 4))
-    blocked = path.remaining(begin)[0]
-    path.sight = lambda point: len(path.points) - 1
-    assert path.remaining(begin)[0] < 0.7 < blocked
+    waypoints, begin = np.array([[0.0, 0, 0, 0], [0.0, 2, 0, 0], [0.5, 0, 0, 0]]), np.zeros((1, 4))
+    blocked = Path(waypoints, joint_sum)
+    seen = Path(waypoints, joint_sum, sights=lambda points: lambda point: len(points) - 1)
+    assert seen.remaining(begin)[0] < 0.7 < blocked.remaining(begin)[0]
 
 
 def test_points_that_are_covered_are_not_ahead() -> None:

@@ -28,7 +28,7 @@ def test_poses_around_an_object_are_clear_of_the_walls() -> None:
     beside = [(place + np.array([0.06, 0.0, 0.0]), frame)]
     now, random = data.qpos[ARM], np.random.default_rng(0)
     (anyhow,) = approach.poses_around(beside, now, random, 40)
-    approach.walls = cup.walls(physics)
+    approach.set_walls(cup.walls(physics))
     (clear,) = approach.poses_around(beside, now, random, 40)
     assert (clearance(anyhow, HAND, approach.walls)[:, 0] <= TOUCHING).any()
     assert len(clear) <= 40

@@ -80,7 +80,8 @@ def test_a_peg_is_raked_after_failed_searches_for_a_path_but_not_while_it_falls(
     rake.misses = 2
     fetch._choose_spot(data)
     assert rake.goal is not None
-    fetch._carried_for = 20
+    while not fetch._carriage.is_stuck:
+        fetch._carriage.watch()
     fetch._choose_spot(data)
     assert rake.goal is rake.spot is None
     assert rake.misses == 0

@@ -16,22 +16,26 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["Path", "joint_sum", "joint_time"]
+from limberjack.planner.arm.watchdog import Watchdog
+
+__all__ = ["Path", "Sight", "joint_sum", "joint_time"]
+
+# From a point's number to that of the last point to which the arm can go straight from there; if it
+# is not known, these are the points up to the first bend.
+Sight = Callable[[int], int]
+
 
 _TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at full speed, to the wrist's
 _ASTRAY = 0.8  # radians; an arm so far off its path needs another one
-_HEADWAY, _IDLE = 0.1, 30  # radians by which what is left must decrease within so many plannings
+_HEADWAY, _PATIENCE = 0.1, 29  # radians that count as headway; plannings without it
 
 
 class Path:
     """Waypoints, and the arc length along them, `length`, radians.
 
     Attributes:
-      sight: gives the last point to which the arm can go straight from one of the points; if it is
-        None, these are the points up to the first bend.
       left: arc length from the arm to the end when it last advanced, radians.
       is_straight: whether the path leads straight to its end.
-      is_stalled: whether the arm makes no headway.
       is_astray: whether the arm is far off the path.
     """
 
@@ -42,6 +46,7 @@ class Path:
         goal: np.ndarray | None = None,  # waypoints that belong to the goal; by default the last
         via: np.ndarray | None = None,  # the waypoint before, if a search has put one there, (4,)
         view: int | None = None,  # number of points that `remaining` searches; all by default
+        sights: "Callable[[np.ndarray], Sight] | None" = None,  # of points (n, 4)
     ) -> None:
         self.waypoints, self.via = waypoints, via
         self.goal = waypoints[-1:] if goal is None else goal
@@ -50,10 +55,10 @@ class Path:
         lengths = distance(waypoints[:-1], waypoints[1:])
         self._ends = np.concatenate([[0.0], lengths.cumsum()])
         self.length = self.left = float(self._ends[-1])
-        self.is_stalled = self.is_astray = False
+        self.is_astray = False
         self._covered = 0  # points
-        self.sight: Callable[[int], int] | None = None
-        self._least, self._idle = np.inf, 0  # arc length left at the last headway; plannings since
+        self._sight = None if sights is None else sights(self.points)
+        self._watchdog = Watchdog(_PATIENCE, _HEADWAY)
 
     @functools.cached_property
     def _places(self) -> np.ndarray:
@@ -74,19 +79,21 @@ class Path:
         self._covered += int(self._aside(now[None])[0].argmin())
         self.left = float(self.remaining(now[None])[0])
         self.is_astray = bool(self._aside(now[None]).min() > _ASTRAY)
-        if self.left < self._least - _HEADWAY:
-            self._least, self._idle = self.left, 0
-        self._idle += 1
-        self.is_stalled = self._idle >= _IDLE
+        self._watchdog.watch({"left": self.left})
+
+    @property
+    def is_stalled(self) -> bool:
+        """Whether the arm makes no headway."""
+        return self._watchdog.is_stuck
 
     def remaining(self, joints: np.ndarray) -> np.ndarray:
         """Arc length from joints to the end, by the nearest point, (N, 4) -> (N,), radians."""
         aside = self._aside(joints)
         places = self._places[self._window]
-        if self.sight is None:
+        if self._sight is None:
             is_behind = places > self._ends[1]
         else:
-            is_behind = np.arange(len(places)) > self.sight(self._covered) - self._covered
+            is_behind = np.arange(len(places)) > self._sight(self._covered) - self._covered
         # Going straight to points out of sight costs more beyond 0.35 radians.
         cut = is_behind * np.maximum(aside - 0.35, 0.0)
         return (1.3 * aside + 5.0 * cut + (self.length - places)).min(axis=-1)

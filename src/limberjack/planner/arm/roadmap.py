@@ -66,9 +66,8 @@ def find_path(
         return None
     # The root turns without jumps.
     chain = np.concatenate([chain[:1], chain[0] + _between(chain[:-1], chain[1:]).cumsum(axis=0)])
-    path = Path(_shortened(chain, scene), joint_sum, view=_VIEW)
-    path.sight = _Sights(path.points, scene)
-    return path
+    sights = functools.partial(_Sights, scene)
+    return Path(_shortened(chain, scene), joint_sum, view=_VIEW, sights=sights)
 
 
 class _Search:
@@ -247,7 +246,7 @@ class _Scene:
 class _Sights:
     """The last point of a path to which the arm can go straight from a point, when asked for it."""
 
-    def __init__(self, poses: np.ndarray, scene: _Scene) -> None:
+    def __init__(self, scene: _Scene, poses: np.ndarray) -> None:
         self._poses, self._scene = poses, scene
         self._known: list[int] = []  # of the first points
 

@@ -15,12 +15,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import AnyTask, Cost
+from limberjack.planner.cost import AnyPhysics, AnyTask, Cost
 from limberjack.planner.humanoid.gait import STEP, Gait, postures, strides
 from limberjack.planner.optimisers.mppi import MPPI
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import targets_at
-from limberjack.suite import humanoid
 from limberjack.utils import arrays
 
 __all__ = ["Locomotion", "Stage", "actuators"]
@@ -54,14 +53,14 @@ class Stage(enum.Enum):
     MOVE = "move at the task's speed"
 
 
-def _has_fallen(physics: humanoid.Physics) -> bool:
-    return float(physics.head_height()) < 1.0  # metres
+def _has_fallen(physics: AnyPhysics) -> bool:
+    return physics.head_height().item() < 1.0  # metres
 
 
-def _is_steady(physics: humanoid.Physics) -> bool:
+def _is_steady(physics: AnyPhysics) -> bool:
     """Whether the head is up, the torso upright, and the body slower than one that falls."""
     speed = np.linalg.norm(physics.center_of_mass_velocity())  # metres per second
-    is_up = float(physics.head_height()) > 1.35 and float(physics.torso_upright()) > 0.9
+    is_up = physics.head_height().item() > 1.35 and physics.torso_upright().item() > 0.9
     return bool(is_up and speed < 1.5)
 
 
@@ -97,7 +96,7 @@ class Locomotion(Cost):
         """The current stage."""
         return self._stage
 
-    def update(self, physics: humanoid.Physics) -> None:
+    def update(self, physics: AnyPhysics) -> None:
         """Moves once the body is steady, until it falls."""
         self._names = self._names or actuators(physics)
         is_due, following = _TRANSITIONS[self._stage]
@@ -105,7 +104,7 @@ class Locomotion(Cost):
             runs = self.settings.anchored and following is Stage.MOVE
             self._stage, self._gait = following, Gait(self._names) if runs else None
 
-    def terms(self, physics: humanoid.Physics) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Terms of being up, of moving, and the missing reward."""
         height = physics.head_height()
         is_up = np.clip((height - 0.9) / 0.4, 0.0, 1.0)
@@ -118,14 +117,14 @@ class Locomotion(Cost):
             "reward": 1.0 - self._reward(physics),
         }
 
-    def _reward(self, physics: humanoid.Physics) -> np.ndarray:
+    def _reward(self, physics: AnyPhysics) -> np.ndarray:
         """The task's reward, (N,); without its speed while standing up."""
         terms = self.task.reward_terms(physics)
         if self._aim and self._stage is Stage.STAND:
             terms["movement"] = 1.0
         return self.task.reward_of(terms)
 
-    def _motion(self, physics: humanoid.Physics, is_up: np.ndarray) -> np.ndarray:
+    def _motion(self, physics: AnyPhysics, is_up: np.ndarray) -> np.ndarray:
         """Imbalance, and the lack or excess of speed, (N,)."""
         velocity = physics.center_of_mass_velocity()
         imbalance = _imbalance(physics, velocity)
@@ -143,7 +142,7 @@ class Locomotion(Cost):
         down = self._haste + 0.5 + arrays.norm(imbalance)
         return is_up * (self._haste * short + fall) + (1.0 - is_up) * down
 
-    def proposals(self, physics: humanoid.Physics, random: np.random.Generator) -> np.ndarray:
+    def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray:
         """Postures to stand up; strides, and then the body's own gait, to move."""
         if self._stage is Stage.STAND:
             return postures(self._names, self.settings.knots, random)
@@ -164,12 +163,12 @@ class Locomotion(Cost):
         return self._gait.mirrored(targets_at(plan, len(plan) - STEP / self._per_knot))
 
 
-def actuators(physics: humanoid.Physics) -> list[str]:
+def actuators(physics: AnyPhysics) -> list[str]:
     """The actuators' names, in their order; they are those of the joints that they turn."""
     return [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
 
 
-def _imbalance(physics: humanoid.Physics, velocity: np.ndarray) -> np.ndarray:
+def _imbalance(physics: AnyPhysics, velocity: np.ndarray) -> np.ndarray:
     """From the middle of the feet to the capture point, (N, 2), metres."""
     left, right = (physics.named.data.xpos[foot] for foot in ("left_foot", "right_foot"))
     feet = (left[..., :2] + right[..., :2]) / 2

@@ -1,7 +1,7 @@
 """`Approach`: poses of the hand around an object, and paths to them around a receptacle's walls.
 
     approach = Approach(prop_of(task))
-    approach.walls = receptacle.walls(physics)
+    approach.set_walls(receptacle.walls(physics))
     (poses,) = approach.poses_around([pose_of(data, "peg")], now, random, count=12)  # (n, 4)
     path = approach.path_to_object(data, few=False)  # None if none is found
 
@@ -45,6 +45,10 @@ class Approach:
         self.prop = prop
         self.walls = NOTHING
         self.draws = np.random.default_rng(0)  # for searches, other than the planner's stream
+
+    def set_walls(self, walls: Obstacle) -> None:
+        """Keeps clear of a receptacle's walls from now on."""
+        self.walls = walls
 
     def poses_around(
         self,

@@ -31,6 +31,7 @@ from limberjack.planner.arm.proposals import (
     plans_on,
     straight_to,
 )
+from limberjack.planner.arm.watchdog import Watchdog
 from limberjack.planner.manipulator.approach import STRETCHED, TOUCHING, Approach
 from limberjack.planner.manipulator.forecast import MEETS, Forecast
 from limberjack.planner.manipulator.peg_paths import PegPaths
@@ -93,21 +94,17 @@ class Fetch:
         self._attempts = 0  # searches for a path to the object
         self._found_at = np.zeros(3)  # place of the object at the last of them
         self._withdraws = 0  # plannings for which the hand still withdraws
-        self._near_for = 0  # plannings in which the hand was near the object without holding it
-        self._carried_for = 0  # plannings in which the peg has touched the arm
-
-    # In this order: the first that is due is the stage.
-    _TRANSITIONS = (
-        (Stage.WITHDRAW, lambda self: self._withdraws > 0),
-        (Stage.RAKE, lambda self: self.rake.goal is not None),
-        (Stage.CARRY, lambda self: self.has),
-        (Stage.FETCH, lambda self: True),
-    )
+        self._nearness = Watchdog(25)  # of the hand to an object that it does not hold
+        self._carriage = Watchdog(15)  # of a peg that touches the arm
 
     @property
     def stage(self) -> Stage:
         """The current stage."""
-        return next(stage for stage, is_due in self._TRANSITIONS if is_due(self))
+        if self._withdraws > 0:
+            return Stage.WITHDRAW
+        if self.rake.goal is not None:
+            return Stage.RAKE
+        return Stage.CARRY if self.has else Stage.FETCH
 
     def choices(self) -> tuple[object, ...]:
         """Decisions on which the proposals of a stage depend."""
@@ -130,14 +127,23 @@ class Fetch:
         # A little play in the hand is no reason to stand still.
         return np.minimum(PLAY * self.prop.firmness(data, self.prop.offset(data)), 1.0)
 
+    def follow(self, path: Path | None, patience: int) -> None:
+        """Follows a path from now on; without one, the next search is after so many plannings."""
+        self.path, self.patience = path, patience
+
     def drop_path(self, patience: int) -> None:
         """Leaves the path; the next search is after so many plannings."""
-        self.path, self.patience = None, patience
+        self.follow(None, patience)
+
+    def rest(self) -> None:
+        """Neither rakes the object nor leads the arm to it, as it is in its place."""
+        self.rake.stop()
+        self.drop_path(self.patience)
 
     @property
     def lies_on_arm(self) -> bool:
         """Whether the peg has touched the arm for more than 15 plannings."""
-        return self._carried_for > 15
+        return self._carriage.is_stuck
 
     def update(self, physics: Physics) -> None:
         """Decides the stage, after `observe`, and the path to an object that is not held."""
@@ -145,7 +151,9 @@ class Fetch:
         self.patience -= 1
         self._watch_arm(data)
         if self.has:
-            self.rake.goal, self.rake.misses, self._near_for, self._withdraws = None, 0, 0, 0
+            self.rake.stop()
+            self._withdraws = 0
+            self._nearness.begin()
         else:
             self._lose_patience(data)
             self.forecast.update(physics)
@@ -164,22 +172,26 @@ class Fetch:
         """Counts plannings with a peg on the arm; if it comes to lie there, the path changes."""
         lay = self.lies_on_arm
         is_carried = self.paths is not None and not self.has and is_on_arm(data)
-        self._carried_for = self._carried_for + 1 if is_carried else 0
+        if is_carried:
+            self._carriage.watch()
+        else:
+            self._carriage.begin()
         if self.lies_on_arm != lay:
             self.drop_path(-1)
 
     def _lose_patience(self, data: NamedFields) -> None:
         """Withdraws the hand for 10 plannings after 25 near the object without a grasp."""
         if self.paths is not None and self.rake.goal is not None:
-            self._near_for = self._withdraws = 0  # a peg is raked from elsewhere instead
+            self._withdraws = 0  # a peg is raked from elsewhere instead
+            self._nearness.begin()
             return
         if self._withdraws:
             self._withdraws -= 1
             return
         offset = data.site_xpos["grasp"] - data.site_xpos[self.prop.name]
-        self._near_for += bool(arrays.norm(offset) < 0.75 * _AWAY)
-        if self._near_for > 25:
-            self._near_for, self._withdraws = 0, 10
+        if arrays.norm(offset) < 0.75 * _AWAY and self._nearness.watch():
+            self._nearness.begin()
+            self._withdraws = 10
 
     def _decide_on_raking(self, data: NamedFields) -> None:
         """Rakes an object that comes to rest out of reach; a rolling one may come by itself."""
@@ -188,13 +200,13 @@ class Fetch:
         end = self.forecast.met(data)[-1:]
         (takes,) = self.approach.poses_around(end, data.qpos[ARM], self.approach.draws, _TAKES)
         if self.rake.judge(data, len(takes) > 0):
-            self._near_for = 0
+            self._nearness.begin()
 
     def _choose_spot(self, data: NamedFields) -> None:
         """Decides where a peg is raked, unless the arm makes it fall; each spot has its path."""
         rake, spot = self.rake, self.rake.spot
         if self.lies_on_arm:
-            rake.goal, rake.misses = None, 0
+            rake.stop()
         moves = len(self.forecast.poses) > 0
         rake.choose_spot(data, self.approach.walls, self.path is not None, moves)
         if rake.goal is not None and rake.spot is not spot:
@@ -272,7 +284,7 @@ class Fetch:
         if self.paths is not None and approach.is_fast(data):
             return None
         path = approach.path_to_object(data, again)
-        rake.misses = 0 if path is not None else rake.misses + 1
+        rake.note_search(path is not None)
         return path
 
     def terms(self, data: NamedFields, share: np.ndarray | float = 1.0) -> dict[str, np.ndarray]:

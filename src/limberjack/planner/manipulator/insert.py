@@ -54,18 +54,14 @@ class Insert(Cost):
         self._is_in = self._at_mouth = False
         self._trials = 0  # to insert the object since it was taken
 
-    # In this order: the first that is due is the stage, or else that of fetching.
-    _TRANSITIONS = (
-        (Stage.RELEASE, lambda self: self._release is not None and self._release.waits > 0),
-        (Stage.SHAKE, lambda self: self._release is not None and self._release.shakes > 0),
-        (Stage.LEAVE, lambda self: self._is_in and not self._fetch.has),
-        (Stage.INSERT, lambda self: self._at_mouth and self._fetch.stage is Stage.CARRY),
-    )
-
     @property
     def _stage(self) -> Stage:
-        due = (stage for stage, is_due in self._TRANSITIONS if is_due(self))
-        return next(due, self._fetch.stage)
+        fetch, release = self._fetch, self._release
+        if release is not None and release.is_busy:
+            return Stage.RELEASE if release.waits > 0 else Stage.SHAKE
+        if self._is_in and not fetch.has:
+            return Stage.LEAVE
+        return Stage.INSERT if self._at_mouth and fetch.stage is Stage.CARRY else fetch.stage
 
     def stage(self) -> tuple[object, ...]:
         """The stage and the choices in it."""
@@ -80,11 +76,12 @@ class Insert(Cost):
             return
         place = data.site_xpos[slot.target]
         if not np.array_equal(place, self._stands_at):
-            self._stands_at, fetch.approach.walls = place.copy(), slot.walls(physics)
+            self._stands_at = place.copy()
+            fetch.approach.set_walls(slot.walls(physics))
         self._at_mouth = self._at_mouth and fetch.has
         self._is_in = bool(slot.holds(slot.offset(data, slot.sites[0])) > 0.5)
         if self._is_in and not fetch.has:
-            fetch.rake.goal = fetch.path = None
+            fetch.rest()
             self._sag, self.noise_scale = np.zeros(4), 0.1
             return
         fetch.update(physics)
@@ -107,7 +104,7 @@ class Insert(Cost):
         self._carry_to_mouth(physics)
         finds_none = searches and fetch.path is None
         if not self._at_mouth and (finds_none or waited or self._trials > 3):
-            release.is_due, fetch.path = True, None
+            release.begin()
 
     def _carry_to_mouth(self, physics: Physics) -> None:
         """Decides whether the object is before the mouth, or else the arm's path there."""
@@ -119,7 +116,8 @@ class Insert(Cost):
             if is_near and (fetch.patience >= 0 or self.task.get_reward(physics) > 0.5):
                 return
             # It took too long, or the object has gone: now from elsewhere.
-            self._at_mouth, fetch.patience = False, 0
+            self._at_mouth = False
+            fetch.drop_path(0)
             self._trials += 1
         elif (path is not None and path.left < ARRIVED) or (is_near and self._trials == 0):
             self._at_mouth = True
@@ -129,7 +127,7 @@ class Insert(Cost):
             fetch.drop_path(0)
             self._trials += path.is_stalled
         if fetch.path is None and fetch.patience <= 0:
-            fetch.path, fetch.patience = self._path_to_mouth(data), PATIENCE
+            fetch.follow(self._path_to_mouth(data), PATIENCE)
 
     def _path_to_mouth(self, data: NamedFields) -> Path | None:
         """The arm's path around the receptacle to before its mouth; another one at each trial."""

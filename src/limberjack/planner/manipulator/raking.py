@@ -19,6 +19,7 @@ from limberjack.planner.arm.collision import Obstacle, clearance
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS
 from limberjack.planner.arm.kinematics import hand_poses
 from limberjack.planner.arm.proposals import Proposal
+from limberjack.planner.arm.watchdog import Watchdog
 from limberjack.planner.manipulator.props import HAND, Ball, Peg, downwards, height_above_ground
 from limberjack.utils import arrays
 
@@ -26,6 +27,7 @@ __all__ = ["Rake", "Spot", "next_spot"]
 
 # Metres by which a peg must come nearer to the goal, or a fingertip to the spot, to count.
 _HEADWAY = 0.03
+_PATIENCE = 16  # plannings without headway, after which a peg is raked from another spot
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,7 +134,7 @@ class Rake:
 
     def __init__(self, prop: Ball | Peg) -> None:
         self._prop = prop
-        self._doubts = 0  # plannings that contradict the known reach of the object
+        self._doubts = Watchdog(2)  # of the known reach of the object, which plannings contradict
         self._stayed_at = np.zeros(3)  # place of the object at the first of the misses
         self.goal: float | None = None  # x, metres; None while the object is not raked
         self.misses = 0  # failed searches for a path to the object since it has moved
@@ -142,9 +144,15 @@ class Rake:
         """Discards the spot and all headway."""
         self.spot: Spot | None = None  # none yet, or for a ball
         self._pulled_from = np.zeros(3)  # place of the peg when that spot was chosen
-        self._nearest = np.inf  # metres; least distance of the peg from the goal
-        self._least = np.inf  # metres; least distance of a fingertip from the spot
-        self._stalled = 0.0  # plannings without any headway
+        self._watchdog = Watchdog(_PATIENCE, _HEADWAY)  # of peg and fingertip
+
+    def stop(self) -> None:
+        """Does not rake the object any more."""
+        self.goal, self.misses = None, 0
+
+    def note_search(self, is_found: bool) -> None:
+        """Counts searches for a path to the object that have failed in a row."""
+        self.misses = 0 if is_found else self.misses + 1
 
     def judge(self, data: NamedFields, is_within: bool) -> bool:
         """Begins or ends raking when the object's reach has changed three times in a row.
@@ -152,8 +160,9 @@ class Rake:
         Returns whether raking has just ended.
         """
         was_within = self.goal is None
-        self._doubts = 0 if is_within == was_within else self._doubts + 1
-        if self._doubts in (1, 2):
+        if is_within == was_within:
+            self._doubts.begin()
+        elif not self._doubts.watch():
             is_within = was_within
         self.goal = None if is_within else self._prop.rake_goal(data)
         return is_within and not was_within
@@ -175,23 +184,20 @@ class Rake:
         is_pulled = arrays.norm(place - self._pulled_from) > 0.08  # away from its obstacle
         if self.spot is not None and self.spot.kind != "there" and is_pulled:
             self._forget()
-        self._count_headway(data, self.goal, 0.1 if is_led else 1.0)
-        if (self.spot is None and not moves) or self._stalled > 16:
-            self._stalled, self._pulled_from, self._least = 0.0, place.copy(), np.inf
+        is_stuck = self._watchdog.watch(self._left(data, self.goal), part=0.1 if is_led else 1.0)
+        if (self.spot is None and not moves) or is_stuck:
+            self._watchdog.begin("fingertip")
+            self._pulled_from = place.copy()
             self.spot = next_spot(data, self.spot, self.goal, walls)
         if self.spot is not None:
             self.goal = self.spot.goal(data, self.goal)
 
-    def _count_headway(self, data: NamedFields, goal: float, share: float) -> None:
-        """Counts a share of a planning without headway of the peg or a fingertip."""
-        off, missing = abs(float(data.site_xpos["peg"][0]) - goal), np.inf
+    def _left(self, data: NamedFields, goal: float) -> dict[str, float]:
+        """Distances of the peg from the goal, and of a fingertip from the spot, metres."""
+        left = {"peg": abs(float(data.site_xpos["peg"][0]) - goal)}
         if self.spot is not None:
-            missing = float(self.spot.missing(data, self.spot.goal(data, goal)))
-        if off < self._nearest - _HEADWAY:
-            self._nearest, self._stalled = off, 0.0
-        if missing < self._least - _HEADWAY:
-            self._least, self._stalled = missing, 0.0
-        self._stalled += share
+            left["fingertip"] = float(self.spot.missing(data, self.spot.goal(data, goal)))
+        return left
 
     def at(self) -> Spot:
         """The spot, or else the object's middle."""

@@ -23,6 +23,7 @@ from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.arm.roadmap import find_path
+from limberjack.planner.arm.watchdog import Watchdog
 from limberjack.planner.cost import AnyTask
 from limberjack.planner.manipulator.fetch import ARRIVED, Fetch
 from limberjack.planner.manipulator.forecast import restored
@@ -47,7 +48,7 @@ class Release:
         self.waits = 0  # plannings in which the arm still keeps a pose with an open hand
         self.shakes = 0  # plannings in which the ball is still shaken off
         self._kept = np.zeros(4)  # the arm's joints while it waits
-        self._lies_for = 0  # plannings in which the ball has been lying on the arm
+        self._lying = Watchdog(_SHAKES)  # of the ball on the arm
         self._poses: list[np.ndarray] = []  # from which the ball gets in
 
     @property
@@ -70,10 +71,17 @@ class Release:
         lies = height_above_ground(data.site_xpos["ball"]) > 0.05
         speed = np.abs(data.qvel[self._fetch.prop.joints[:2]]).max()
         rests = bool(lies and speed < 0.1) and not self._fetch.has and not is_in
-        self._lies_for = self._lies_for + 1 if rests else 0
         self.shakes = max(self.shakes - 1, 0)
-        if self._lies_for > _SHAKES:
-            self._lies_for, self.shakes = 0, _SHAKES
+        if not rests:
+            self._lying.begin()
+        elif self._lying.watch():
+            self._lying.begin()
+            self.shakes = _SHAKES
+
+    def begin(self) -> None:
+        """Releases the ball at a tested pose from now on, since it does not just fall in."""
+        self.is_due = True
+        self._fetch.drop_path(0)
 
     def seek(self, physics: Physics) -> None:
         """Leads the arm to a pose from which the ball rolls in, and opens the hand there.
@@ -83,15 +91,17 @@ class Release:
         data, fetch = physics.named.data, self._fetch
         path = fetch.path
         if path is None:
-            fetch.path = self._path(physics)
+            fetch.follow(self._path(physics), 0)
             return
         is_still = np.abs(data.qvel[ARM]).max() < 0.5  # radians per second
         if path.left < ARRIVED and is_still and self.works(physics):
-            fetch.path, self.waits, self._kept = None, _WAITS, data.qpos[ARM].copy()
+            fetch.drop_path(0)
+            self.waits, self._kept = _WAITS, data.qpos[ARM].copy()
         elif path.is_stalled:
-            fetch.path, self._poses = None, []
+            fetch.drop_path(0)
+            self._poses = []
         elif path.is_astray:
-            fetch.path = None
+            fetch.drop_path(0)
 
     def _path(self, physics: Physics) -> Path | None:
         """A path to a pose that works; a few are tried at each call, None until one is found."""

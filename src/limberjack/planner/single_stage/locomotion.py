@@ -7,11 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.optimisers.icem import ICEM
 from limberjack.planner.settings import Settings
-from limberjack.suite import cheetah, hopper, quadruped, walker
-from limberjack.utils.arrays import Quantity
 
 __all__ = ["Cheetah", "Hopper", "Quadruped", "Walker"]
 
@@ -29,7 +27,7 @@ class Cheetah(Cost):
     )
     weights: ClassVar = {"tilt": 0.3, "effort": 0.02}
 
-    def terms(self, physics: cheetah.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """A tilt up to 60 degrees is free."""
         upright = physics.named.data.xmat["torso", "zz"]
         return {
@@ -54,7 +52,7 @@ class Walker(Cost):
     )
     weights: ClassVar = {"height": 1.0, "tilt": 0.5, "reward": 2.0, "effort": 0.02}
 
-    def terms(self, physics: walker.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """A torso that lies on the ground lacks about 1 m."""
         return {
             "height": np.maximum(1.3 - physics.torso_height(), 0.0),
@@ -79,7 +77,7 @@ class Hopper(Cost):
     )
     weights: ClassVar = {"height": 2.0, "tilt": 0.3, "balance": 1.0, "speed": 0.5}
 
-    def terms(self, physics: hopper.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Speed counts where the body stands."""
         height, named = physics.height(), physics.named.data
         is_up = np.clip(height / 0.6, 0.0, 1.0)
@@ -99,7 +97,7 @@ class Quadruped(Cost):
     settings = Settings(horizon=1.0, knots=8, samples=40, interval=2, noise=1.0, optimiser=_WHITE)
     weights: ClassVar = {"tilt": 0.5, "effort": 0.05}
 
-    def terms(self, physics: quadruped.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """An upside-down torso costs 1 for its tilt."""
         return {
             "tilt": 1.0 - physics.torso_upright(),

@@ -7,12 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.optimisers.icem import ICEM
 from limberjack.planner.settings import Settings
-from limberjack.suite import ball_in_cup, finger, fish, reacher
 from limberjack.utils import arrays
-from limberjack.utils.arrays import Quantity
 
 __all__ = ["BallInCup", "Fish", "Reacher", "Turn"]
 
@@ -23,7 +21,7 @@ class Reacher(Cost):
     settings = Settings(horizon=0.6, knots=5, samples=64, gain=2.0, damping=0.3, noise=1.0)
     weights: ClassVar = {"distance": 4.0, "motion": 0.02}
 
-    def terms(self, physics: reacher.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The arm reaches 0.24 m."""
         distance = physics.finger_to_target_dist()
         motion = (physics.velocity() ** 2).sum(axis=-1)
@@ -42,7 +40,7 @@ class BallInCup(Cost):
     )
     weights: ClassVar = {"distance": 1.0, "below": 2.0}
 
-    def terms(self, physics: ball_in_cup.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The string is 0.3 m long."""
         to_target = physics.ball_to_target()
         return {
@@ -68,7 +66,7 @@ class Turn(Cost):
     )
     weights: ClassVar = {"distance": 4.0, "finger": 0.5, "motion": 0.01}
 
-    def terms(self, physics: finger.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Metres, and radians per second."""
         distance = np.maximum(physics.dist_to_target(), 0.0)
         data = physics.named.data
@@ -87,7 +85,7 @@ class Fish(Cost):
     settings = Settings(horizon=1.0, knots=8, samples=48, interval=2, noise=0.8)
     weights: ClassVar = {"distance": 1.0}
 
-    def terms(self, physics: fish.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The tank is a metre wide."""
         return {
             "distance": arrays.norm(physics.mouth_to_target()),

@@ -8,11 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.settings import Settings
-from limberjack.suite import dog, humanoid_CMU
 from limberjack.utils import arrays
-from limberjack.utils.arrays import Quantity
 
 __all__ = ["Dog", "HumanoidCMU"]
 
@@ -36,7 +34,7 @@ class Dog(Cost):
     )
     weights: ClassVar = {"factors": 2.0, "height": 4.0, "tilt": 1.0, "effort": 0.02}
 
-    def terms(self, physics: dog.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The torso of a dog that stands is 0.4 m high; a fetching dog has two more factors."""
         wanted = np.stack(physics.default_heights(), axis=-1)
         lacking = np.maximum(0.9 * wanted - physics.torso_pelvis_height(), 0.0)
@@ -57,7 +55,7 @@ class HumanoidCMU(Cost):
     )
     weights: ClassVar = {"height": 2.0, "tilt": 1.0, "balance": 1.0, "motion": 0.02, "effort": 0.05}
 
-    def terms(self, physics: humanoid_CMU.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The head of a humanoid that stands is 1.4 m high; a little more is wanted."""
         data = physics.named.data
         feet = data.xpos[["lfoot", "rfoot"]][..., :2].mean(axis=-2)
@@ -72,7 +70,7 @@ class HumanoidCMU(Cost):
             "reward": 1.0 - self.task.get_reward(physics),
         }
 
-    def proposals(self, physics: humanoid_CMU.Physics, random: np.random.Generator) -> np.ndarray:
+    def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray:
         """Straight legs, and three squats; random variations do not bend all joints of a leg."""
         names = [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
         held = [[posture.get(name[1:], 0.0) for name in names] for posture in _POSTURES]

@@ -8,10 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.settings import Settings
-from limberjack.suite import acrobot, cartpole, pendulum
-from limberjack.utils.arrays import Quantity
 
 __all__ = ["Acrobot", "Cartpole", "Pendulum"]
 
@@ -24,7 +22,7 @@ class Pendulum(Cost):
     settings = Settings(horizon=1.5, knots=8, samples=64, gain=1.0, damping=0.3, noise=_SPREAD)
     weights: ClassVar = {"motion": 0.02}
 
-    def terms(self, physics: pendulum.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Each about 1 for a pole that hangs."""
         up = physics.pole_vertical()
         speed = physics.angular_velocity()[..., 0]
@@ -34,7 +32,7 @@ class Pendulum(Cost):
             "reward": 1.0 - self.task.get_reward(physics),
         }
 
-    def proposals(self, physics: pendulum.Physics, random: np.random.Generator) -> np.ndarray:
+    def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray:
         """Plans around the pole's angle: without limits, targets can drift out of reach."""
         noise = random.normal(scale=_SPREAD, size=(24, self.settings.knots, 1))
         return physics.position() + noise
@@ -48,7 +46,7 @@ class Cartpole(Cost):
     )
     weights: ClassVar = {"motion": 0.02, "off centre": 0.1}
 
-    def terms(self, physics: cartpole.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Each about 1 for a pole that hangs at the end of the rail."""
         up = physics.pole_angle_cosine()
         motion = np.exp(-4.0 * (1.0 - up)) * physics.angular_vel() ** 2
@@ -71,7 +69,7 @@ class Acrobot(Cost):
     )
     weights: ClassVar = {"energy": 2.0, "distance": 0.25, "motion": 0.02}
 
-    def terms(self, physics: acrobot.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """An energy of hanging links costs 2, and a distance of 4 m costs 1."""
         distance = physics.to_target()
         motion = (physics.velocity() ** 2).sum(axis=-1)
@@ -83,7 +81,7 @@ class Acrobot(Cost):
         }
 
 
-def _energy(physics: acrobot.Physics) -> np.ndarray:
+def _energy(physics: AnyPhysics) -> np.ndarray:
     """Energy of two thin links of 1 m and 1 kg over that of standing, (N,): -1 if they hang."""
     up, across, turning = physics.vertical(), physics.horizontal(), physics.velocity()
     upper, lower = turning[..., 0], turning.sum(axis=-1)

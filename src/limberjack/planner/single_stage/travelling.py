@@ -7,10 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.settings import Settings
-from limberjack.suite import lqr, point_mass, quadruped, swimmer
-from limberjack.utils.arrays import Quantity
 
 __all__ = ["Escape", "Fetch", "PointMass", "Regulator", "Swimmer"]
 
@@ -21,7 +19,7 @@ class PointMass(Cost):
     settings = Settings(horizon=1.0, knots=6, samples=48, interval=2, noise=0.5)
     weights: ClassVar = {"distance": 4.0, "motion": 0.5}
 
-    def terms(self, physics: point_mass.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The arena is 0.6 m wide."""
         distance = physics.mass_to_target_dist()
         speed = (physics.velocity() ** 2).sum(axis=-1)
@@ -40,7 +38,7 @@ class Regulator(Cost):
     )
     weights: ClassVar = {"motion": 0.5}
 
-    def terms(self, physics: lqr.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """A start costs 1, with positions of norm sqrt(2)."""
         return {
             "motion": (physics.velocity() ** 2).sum(axis=-1) / 2,
@@ -56,7 +54,7 @@ class Swimmer(Cost):
     )
     weights: ClassVar = {"distance": 1.0}
 
-    def terms(self, physics: swimmer.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Targets are up to 2.8 m away, or 0.4 m in two of ten episodes."""
         return {
             "distance": physics.nose_to_target_dist(),
@@ -70,7 +68,7 @@ class Escape(Cost):
     settings = Settings(horizon=1.0, knots=8, samples=24, interval=2, noise=1.0)
     weights: ClassVar = {"way": 4.0, "tilt": 0.3, "effort": 0.05}
 
-    def terms(self, physics: quadruped.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The terrain's edge is 30 m from its centre, where episodes start."""
         edge = physics.model.hfield_size[..., 0, 0]
         return {
@@ -87,7 +85,7 @@ class Fetch(Cost):
     settings = Settings(horizon=1.0, knots=8, samples=40, interval=2, noise=1.0)
     weights: ClassVar = {"reach": 1.0, "bring": 1.0, "behind": 0.5, "tilt": 0.5, "effort": 0.05}
 
-    def terms(self, physics: quadruped.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Metres. A body between ball and target would push the ball away from the target."""
         reach, bring = physics.self_to_ball_distance(), physics.ball_to_target_distance()
         data = physics.named.data

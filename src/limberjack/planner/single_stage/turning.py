@@ -7,11 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.settings import Settings
-from limberjack.suite import finger, fish
 from limberjack.utils import arrays
-from limberjack.utils.arrays import Quantity
 
 __all__ = ["FishUpright", "Spin"]
 
@@ -22,7 +20,7 @@ class Spin(Cost):
     settings = Settings(horizon=0.8, knots=16, samples=64, gain=2.0, damping=0.05, noise=1.5)
     weights: ClassVar = {"speed": 2.0, "finger": 0.5}
 
-    def terms(self, physics: finger.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The body is to turn at 15 rad/s, in the negative direction."""
         data = physics.named.data
         return {
@@ -38,7 +36,7 @@ class FishUpright(Cost):
     settings = Settings(horizon=1.0, knots=8, samples=48, interval=2, noise=0.8)
     weights: ClassVar = {"tilt": 1.0, "motion": 0.02}
 
-    def terms(self, physics: fish.Physics) -> dict[str, Quantity]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """A fish upside down costs 1."""
         tilt = (1.0 - physics.upright()) / 2
         turning = (physics.torso_velocity()[..., 3:] ** 2).sum(axis=-1)

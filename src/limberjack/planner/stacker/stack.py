@@ -16,6 +16,7 @@ from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM, CLOSED, LONGEST, OPEN, PLANE, near, outward_speed
 from limberjack.planner.arm.proposals import Proposal, plans_of
+from limberjack.planner.arm.watchdog import Watchdog
 from limberjack.planner.cost import AnyTask, Cost
 from limberjack.planner.stacker import moves
 from limberjack.planner.stacker.box_grip import PRESS, fetching, grip_of, how_held
@@ -83,25 +84,26 @@ class Stack(Cost):
 
     def _begin(self) -> None:
         self._firm = self._falling = False  # the hand has the next box; boxes fall
-        self._backing = self._caught = 0  # planning steps left, and with a box on the arm
-        self._await(None, np.inf)
-
-    # In this order: the first that is due is the stage.
-    _TRANSITIONS = (
-        (Stage.LEAVE, lambda self: self._tower.next is None),
-        (Stage.DODGE, lambda self: self._falling),
-        (Stage.RETREAT, lambda self: self._backing > 0),
-        (Stage.SHAKE, lambda self: self._caught > _CAUGHT),
-        (Stage.CARRY, lambda self: self._firm),
-        (Stage.FETCH, lambda self: True),
-    )
+        self._backing = 0  # planning steps left
+        self._lying = Watchdog(_CAUGHT)  # of a box on the arm
+        self._watchdog = Watchdog(_PATIENCE, share=_PROGRESS)
 
     def stage(self) -> tuple[Stage, object, object, object]:
         """The stage, the next box, the tower's height, and the reasons for other stages."""
         tower = self._tower
-        stage = next(stage for stage, is_due in self._TRANSITIONS if is_due(self))
-        reasons = self._firm, self._falling, self._backing > 0, self._caught > _CAUGHT
-        return stage, tower.next, len(tower.placed), reasons
+        reasons = self._firm, self._falling, self._backing > 0, self._lying.is_stuck
+        return self._stage(), tower.next, len(tower.placed), reasons
+
+    def _stage(self) -> Stage:
+        if self._tower.next is None:
+            return Stage.LEAVE
+        if self._falling:
+            return Stage.DODGE
+        if self._backing > 0:
+            return Stage.RETREAT
+        if self._lying.is_stuck:
+            return Stage.SHAKE
+        return Stage.CARRY if self._firm else Stage.FETCH
 
     def update(self, physics: Physics) -> None:
         """Decides which boxes stand, which one is next, where it goes, and the stage."""
@@ -118,7 +120,10 @@ class Stack(Cost):
         if self._firm:
             self.noise_scale = 0.3  # a large one jerks the box
         loose = tower.waiting if self._firm else [*tower.waiting, tower.next]
-        self._caught = self._caught + 1 if self._is_caught(data, loose) else 0
+        if self._is_caught(data, loose):
+            self._lying.watch()
+        else:
+            self._lying.begin()
         is_early = physics.time() < 0.4  # seconds, in which boxes fall from their starts
         falling = is_early and bool((data.site_xpos[loose][:, 2] > ALOFT).any())
         if falling and not self._falling:
@@ -143,23 +148,16 @@ class Stack(Cost):
         tower = self._tower
         box, hand = data.site_xpos[tower.next], data.site_xpos["grasp"]
         lack = float(length((box - (tower.place if self._firm else hand))[PLANE]))
-        goal = tower.next, self._firm, len(tower.placed)
-        if goal != self._goal or lack < _PROGRESS * self._least:
-            self._await(goal, lack)
-        self._waited += 1
-        if self._waited > _PATIENCE:
-            self._await(None, np.inf)
+        pursued = tower.next, self._firm, len(tower.placed)
+        if self._watchdog.watch({"lack": lack}, pursued):
+            self._watchdog.begin()
             tower.shunned, self._backing = tower.next, _RETREAT
             self._refuge = moves.refuge(data, box, self._tries)
             self._tries += 1
 
-    def _await(self, goal: object, lack: float) -> None:
-        """Begins to wait for progress to a goal that is so many metres away."""
-        self._goal, self._least, self._waited = goal, lack, 0
-
     def terms(self, physics: Physics) -> dict[str, np.ndarray]:
         """The missing reward and tower, and the terms of the stage."""
-        data, tower, stage = physics.named.data, self._tower, self.stage()[0]
+        data, tower, stage = physics.named.data, self._tower, self._stage()
         others = data.site_xpos[tower.others][..., ::2]  # x and z
         placed, waiting = np.split(others, [len(tower.placed)], axis=-2)
         hand = data.site_xpos["grasp"]
@@ -269,7 +267,7 @@ class Stack(Cost):
 
     def proposals(self, physics: Physics, random: np.random.Generator) -> np.ndarray:
         """Plans of the stage, and to keep still with any grasp."""
-        data, stage = physics.named.data, self.stage()[0]
+        data, stage = physics.named.data, self._stage()
         now = data.qpos[ARM]
         if stage is Stage.LEAVE:
             plans = moves.leaving(data, random)
