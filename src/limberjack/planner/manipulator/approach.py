@@ -31,11 +31,12 @@ __all__ = ["GOALS", "STRETCHED", "TOUCHING", "Approach", "few_of"]
 GOALS = 96  # poses in which a path may end
 TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
 STRETCHED = np.array([np.pi, 0.5, 0.5, 0.5])  # radians; joints of an arm on which no peg lies
+_FEW = 12  # poses of another attempt
 
 
 def few_of(random: np.random.Generator, poses: np.ndarray) -> np.ndarray:
     """Twelve of the poses (n, 4), for another attempt."""
-    return poses[random.permutation(len(poses))[:12]]
+    return poses[random.permutation(len(poses))[:_FEW]]
 
 
 class Approach:

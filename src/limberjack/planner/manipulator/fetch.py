@@ -56,8 +56,17 @@ PER_RADIAN = 0.4  # cost of a radian of the arm's path
 ARRIVED = 0.5  # radians; the arm is at the end of a path that is so near
 PATIENCE = 10  # plannings between searches for a path
 _LOOSE = 8.0  # cost of an object that is not held, more than of any that is
+_HELD = 0.3  # of the quality of a hold, from which on the hand has the object
 _TAKES = 4  # poses of the arm that are tried for each pose of the object
 _AWAY = 0.17  # metres; how far the hand withdraws
+_NEAR = 0.75 * _AWAY  # metres; a hand so near to an object should soon hold it
+_TRIES = 25  # plannings near an object without a hold, after which the hand withdraws
+_WITHDRAWAL = 10  # plannings
+_CARRIED = 15  # plannings that a peg touches the arm, after which it lies there
+_FEW = 12  # poses at a peg that are enough to search a path to; proposals besides those on a path
+_FLOOR = 0.03  # metres; a grasp site that is lower has the fingers on the floor
+_ON_FLOOR = 0.15  # metres above the ground, below which an object can be fetched
+_FAST = 2.0  # metres or radians per second; where a peg so fast will lie is not known yet
 _ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on takes it
 
 
@@ -94,8 +103,8 @@ class Fetch:
         self._attempts = 0  # searches for a path to the object
         self._found_at = np.zeros(3)  # place of the object at the last of them
         self._withdraws = 0  # plannings for which the hand still withdraws
-        self._nearness = Watchdog(25)  # of the hand to an object that it does not hold
-        self._carriage = Watchdog(15)  # of a peg that touches the arm
+        self._nearness = Watchdog(_TRIES)  # of the hand to an object that it does not hold
+        self._carriage = Watchdog(_CARRIED)  # of a peg that touches the arm
 
     @property
     def stage(self) -> Stage:
@@ -113,7 +122,7 @@ class Fetch:
 
     def observe(self, data: NamedFields) -> bool:
         """Decides whether the hand has the object; returns whether that has changed."""
-        had, self.has = self.has, bool(self.hold(data) > 0.3)
+        had, self.has = self.has, bool(self.hold(data) > _HELD)
         if had == self.has:
             return False
         self._attempts = 0
@@ -142,7 +151,7 @@ class Fetch:
 
     @property
     def lies_on_arm(self) -> bool:
-        """Whether the peg has touched the arm for more than 15 plannings."""
+        """Whether the peg has touched the arm for long."""
         return self._carriage.is_stuck
 
     def update(self, physics: Physics) -> None:
@@ -180,7 +189,7 @@ class Fetch:
             self.drop_path(-1)
 
     def _lose_patience(self, data: NamedFields) -> None:
-        """Withdraws the hand for 10 plannings after 25 near the object without a grasp."""
+        """Withdraws the hand after too long near the object without a grasp."""
         if self.paths is not None and self.rake.goal is not None:
             self._withdraws = 0  # a peg is raked from elsewhere instead
             self._nearness.begin()
@@ -189,9 +198,9 @@ class Fetch:
             self._withdraws -= 1
             return
         offset = data.site_xpos["grasp"] - data.site_xpos[self.prop.name]
-        if arrays.norm(offset) < 0.75 * _AWAY and self._nearness.watch():
+        if arrays.norm(offset) < _NEAR and self._nearness.watch():
             self._nearness.begin()
-            self._withdraws = 10
+            self._withdraws = _WITHDRAWAL
 
     def _decide_on_raking(self, data: NamedFields) -> None:
         """Rakes an object that comes to rest out of reach; a rolling one may come by itself."""
@@ -221,7 +230,7 @@ class Fetch:
         if self.lies_on_arm:
             paths.search_room(now, STRETCHED)
         else:
-            moves = np.abs(data.qvel[self.prop.joints]).max() > 2.0  # metres or radians per second
+            moves = np.abs(data.qvel[self.prop.joints]).max() > _FAST
             aloft = height_above_ground(data.site_xpos["peg"]) > LIES
             if self._withdraws or moves or aloft or self.rake.goal is not None:
                 paths.forget()
@@ -229,8 +238,8 @@ class Fetch:
             peg = pose_of(data, "peg")
 
             def straight_on() -> np.ndarray:
-                (aligned,) = around([peg], now, draws, 12, tilt=_ALIGNED)
-                return aligned if len(aligned) else around([peg], now, draws, 12)[0]
+                (aligned,) = around([peg], now, draws, _FEW, tilt=_ALIGNED)
+                return aligned if len(aligned) else around([peg], now, draws, _FEW)[0]
 
             paths.search_peg(now, peg, straight_on)
         along = paths.plans(now, 24)[:1, 1:, : len(ARM)]
@@ -289,7 +298,7 @@ class Fetch:
 
     def terms(self, data: NamedFields, share: np.ndarray | float = 1.0) -> dict[str, np.ndarray]:
         """Terms of the stage, (N,) each; that of fetching is multiplied by a share, (N,)."""
-        low = {"hand at the floor": np.maximum(0.03 - data.site_xpos["grasp", "z"], 0.0)}
+        low = {"hand at the floor": np.maximum(_FLOOR - data.site_xpos["grasp", "z"], 0.0)}
         path, stage = self.path, self.stage
         if stage is Stage.WITHDRAW:
             away = arrays.norm(data.site_xpos["grasp"] - data.site_xpos[self.prop.name])
@@ -314,16 +323,18 @@ class Fetch:
         ahead, aside = offset = self.prop.offset(data)
         distance = np.hypot(ahead - np.clip(ahead, 0.0, self.prop.slack), aside)
         turn = self.prop.misalignment(data)
-        # With the object beside it the hand must first back off: the fingers are in the way.
+        # With the object more than 12 mm beside it, the hand must first back off, by up to 70 mm:
+        # the fingers are in the way. A turn of 90 degrees counts as 50 mm.
         beside = np.abs(aside) - 0.012 + 0.05 * turn
         detour = np.maximum(np.clip(1.5 * beside, 0.0, 0.07) - ahead, 0.0)
+        # From 18 mm away the fingers should be open, and within 6 mm they may close.
         is_far = np.clip((distance - 0.006) / 0.012, 0.0, 1.0)
         unready = np.abs(fingers(data) - self.prop.opening(offset))
         # An object on the arm must fall before the hand can have it.
-        aloft = np.maximum(height_above_ground(data.site_xpos[self.prop.name]) - 0.15, 0.0)
+        aloft = np.maximum(height_above_ground(data.site_xpos[self.prop.name]) - _ON_FLOOR, 0.0)
         trouble = 0.5 * turn + 2.0 * is_far * unready + self.prop.chased(data) + 4.0 * aloft
         distance = distance + detour
-        # Steeper near the object, where it would else not pay to risk a touch.
+        # Steeper within some 30 mm of the object, where it would else not pay to risk a touch.
         approach = 4.0 * distance + 0.5 * distance / (distance + 0.03)
         if self.paths is not None:
             approach = self.paths.cost_to_peg(data.qpos[ARM], approach) + across(data, turn)
@@ -348,7 +359,7 @@ class Fetch:
         if self.path is None:
             return plans
         grasp = self.prop.shut if self.has else OPEN_ANGLE
-        return np.concatenate([plans_on(self.path, now, grasp, knots), plans[:12]])
+        return np.concatenate([plans_on(self.path, now, grasp, knots), plans[:_FEW]])
 
     def _reaching(self, data: NamedFields, random: np.random.Generator) -> list[Proposal]:
         """Proposals to grasp the object: straight on to a peg at rest, else where it will be."""

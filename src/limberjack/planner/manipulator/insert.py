@@ -28,6 +28,12 @@ __all__ = ["Insert"]
 
 _STEPS = (0.02, 0.04, 0.08) * 4  # metres; from one pose to the next along the axis, in proposals
 _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
+_COMES, _STAYS = 0.07, 0.1  # metres from the mouth, to be before it and to stay there
+_AWRY = 0.1  # metres that a cosine counts as which lacks to face the mouth
+_FALLS_IN = 3  # trials to let a ball just fall in, before a pose is tested from which it rolls in
+_MOST_LEFT = 4.0  # cost of the way that is left: less than that of an object that is not held
+_STILL = 0.1  # share of the noise, for a hand that leaves an object in its place
+_CLOSE = 0.06  # metres from before the mouth, within which an object is proposed to go in
 
 
 class Insert(Cost):
@@ -82,7 +88,7 @@ class Insert(Cost):
         self._is_in = bool(slot.holds(slot.offset(data, slot.sites[0])) > 0.5)
         if self._is_in and not fetch.has:
             fetch.rest()
-            self._sag, self.noise_scale = np.zeros(4), 0.1
+            self._sag, self.noise_scale = np.zeros(4), _STILL
             return
         fetch.update(physics)
         self._sag = sag(physics, GAIN)
@@ -103,14 +109,14 @@ class Insert(Cost):
         waited = self._at_mouth and fetch.patience < 0
         self._carry_to_mouth(physics)
         finds_none = searches and fetch.path is None
-        if not self._at_mouth and (finds_none or waited or self._trials > 3):
+        if not self._at_mouth and (finds_none or waited or self._trials > _FALLS_IN):
             release.begin()
 
     def _carry_to_mouth(self, physics: Physics) -> None:
         """Decides whether the object is before the mouth, or else the arm's path there."""
         data, fetch, slot = physics.named.data, self._fetch, self._receptacle
         awry = max(_FACING - float(slot.facing(data)), 0.0)
-        is_near = slot.from_mouth(data) + 0.1 * awry < (0.1 if self._at_mouth else 0.07)  # metres
+        is_near = slot.from_mouth(data) + _AWRY * awry < (_STAYS if self._at_mouth else _COMES)
         path = fetch.path
         if self._at_mouth:
             if is_near and (fetch.patience >= 0 or self.task.get_reward(physics) > 0.5):
@@ -156,10 +162,9 @@ class Insert(Cost):
         if fetch.path is not None and fetch.has:
             left = PER_RADIAN * fetch.path.remaining(data.qpos[ARM])
         else:
-            left = slot.distance(offsets) / (0.1 if self._at_mouth else LONGEST)  # metres
+            left = slot.distance(offsets) / (_STAYS if self._at_mouth else LONGEST)
             left = left + held * np.maximum(_FACING - slot.facing(data), 0.0)
-        # At most 4: always less than what an object costs that is not held.
-        carry = carry + 4.0 * np.tanh(left / 4.0)
+        carry = carry + _MOST_LEFT * np.tanh(left / _MOST_LEFT)
         return {"carry": secure * carry, **fetch.terms(data, 1.0 - secure)}
 
     def proposals(self, physics: Physics, random: np.random.Generator) -> np.ndarray:
@@ -188,7 +193,7 @@ class Insert(Cost):
         now, slot, press = data.qpos[ARM], self._receptacle, self._fetch.prop.shut
         proposals = [Proposal([now], [press])]
         up, beside = slot.offset(data, slot.sites[0])
-        if np.hypot(up - slot.before, beside) < 0.06 or (up > 0 and abs(beside) < slot.width):
+        if np.hypot(up - slot.before, beside) < _CLOSE or (up > 0 and abs(beside) < slot.width):
             if self._release is None:
                 proposals.extend(_pushing_in(slot, data, random, self.settings.knots))
             else:
@@ -196,7 +201,7 @@ class Insert(Cost):
             poses = slot.poses(data, random, slot.before, 0.0, 2)
         else:
             poses = slot.poses(data, random, slot.before, 0.0, 6)
-            high = slot.poses(data, random, slot.before + 0.06, 0.0, 3)
+            high = slot.poses(data, random, slot.before + _CLOSE, 0.0, 3)
             proposals.extend(straight_to(high, press, 1, 3))
         proposals.extend(straight_to(poses, press, 1, 2, 4))
         return [*proposals, *lifts(random, data, press)[::2]]
@@ -205,7 +210,10 @@ class Insert(Cost):
 def _letting_fall(
     cup: Receptacle, data: NamedFields, random: np.random.Generator
 ) -> list[Proposal]:
-    """Proposals to let the ball fall from here and from places above the mouth."""
+    """Proposals to let the ball fall from here and from places above the mouth.
+
+    These are 50 mm below to 30 mm above the usual one, and up to 16 mm beside it.
+    """
     now, ball = data.qpos[ARM], cup.prop
     proposals: list[Proposal] = []
     for let_go in (OPEN_ANGLE, ball.ready):

@@ -27,6 +27,14 @@ __all__ = ["Rake", "Spot", "next_spot"]
 
 # Metres by which a peg must come nearer to the goal, or a fingertip to the spot, to count.
 _HEADWAY = 0.03
+_OUTWARDS = 0.2  # metres by which an end is pulled away from the goal
+_FURTHEST = 0.45  # metres from the middle: an end that is pulled further goes up a wall
+_MOVED = 0.03  # metres; a peg that has moved so far may be reached where it was not before
+_FREED = 0.08  # metres; a peg that has been pulled so far is away from its obstacle
+_LOW = 0.05  # metres above the ground, below which an end is not pressed down
+_LEANS = 0.05  # metres by which the handle of a peg that leans is above its tip
+_BEHIND, _ABOVE = 0.03, 0.02  # metres from a site to a fingertip that begins to pull it
+_LED = 0.1  # of a planning without headway counts, for an arm that a path leads to the spot
 _PATIENCE = 16  # plannings without headway, after which a peg is raked from another spot
 
 
@@ -42,7 +50,7 @@ class Spot:
         if self.kind != "away":
             return goal
         place = float(data.site_xpos[self.site][0])
-        return place - 0.2 * float(np.sign(goal - place))
+        return place - _OUTWARDS * float(np.sign(goal - place))
 
     def cost(self, data: NamedFields, goal: float) -> np.ndarray:
         """Cost of a fingertip's distance from its start, and of the site's from the goal, (N,)."""
@@ -58,7 +66,9 @@ class Spot:
     def _start(self, data: NamedFields, goal: float) -> np.ndarray:
         """Position at which a fingertip begins to rake, (..., 3), metres."""
         place = data.site_xpos[self.site]
-        return place + np.array([0.0, 0.0, 0.03]) if self.kind == "down" else _behind(place, goal)
+        return (
+            place + np.array([0.0, 0.0, _BEHIND]) if self.kind == "down" else _behind(place, goal)
+        )
 
     def proposals(
         self, random: np.random.Generator, data: NamedFields, goal: float
@@ -81,7 +91,7 @@ class Spot:
         """Arm joints that have a fingertip where raking begins, or higher (n, 4), if that helps."""
         place = data.site_xpos[self.site]
         # An end that is near to the ground is not pressed down.
-        if self.kind == "down" and height_above_ground(place) < 0.05:
+        if self.kind == "down" and height_above_ground(place) < _LOW:
             return np.zeros((0, 4))
         tip = (self._start(data, goal) - higher * downwards(place))[PLANE]
         random, now = np.random.default_rng(0), data.qpos[ARM]
@@ -113,12 +123,11 @@ def next_spot(data: NamedFields, spot: Spot | None, goal: float, walls: Obstacle
     The first is a peg's middle, or the handle of one that leans with it upwards, so that it falls.
     """
     if spot is None:
-        leans = data.site_xpos["peg_grasp"][2] - data.site_xpos["peg_tip"][2] > 0.05
+        leans = data.site_xpos["peg_grasp"][2] - data.site_xpos["peg_tip"][2] > _LEANS
         return Spot("peg_grasp", "there") if leans else _SPOTS[0]
     first = 1 + _SPOTS.index(spot)
     order = _SPOTS[first:] + _SPOTS[:first]
-    # An end that is pulled far outwards pushes the peg up a wall.
-    sensible = [s for s in order if s.kind != "away" or abs(s.goal(data, goal)) < 0.45]
+    sensible = [s for s in order if s.kind != "away" or abs(s.goal(data, goal)) < _FURTHEST]
     reached = (s for s in sensible if len(s.poses(data, s.goal(data, goal), walls)))
     return next(reached, sensible[0])
 
@@ -126,7 +135,7 @@ def next_spot(data: NamedFields, spot: Spot | None, goal: float, walls: Obstacle
 def _behind(place: np.ndarray, goal: float) -> np.ndarray:
     """Position of a fingertip that rakes a place to a goal, (..., 3) -> (..., 3), metres."""
     outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
-    return place + outwards * np.array([0.03, 0.0, 0.0]) + np.array([0.0, 0.0, 0.02])
+    return place + outwards * np.array([_BEHIND, 0.0, 0.0]) + np.array([0.0, 0.0, _ABOVE])
 
 
 class Rake:
@@ -174,17 +183,17 @@ class Rake:
         arm that is led to the spot has more time.
         """
         place = data.site_xpos[self._prop.name]
-        if arrays.norm(place - self._stayed_at) > 0.03:
+        if arrays.norm(place - self._stayed_at) > _MOVED:
             self._stayed_at, self.misses = place.copy(), 0
         if self.misses >= 2 and self.goal is None:
             self.goal = self._prop.rake_goal(data)
         if self.goal is None:
             self._forget()
             return
-        is_pulled = arrays.norm(place - self._pulled_from) > 0.08  # away from its obstacle
+        is_pulled = arrays.norm(place - self._pulled_from) > _FREED
         if self.spot is not None and self.spot.kind != "there" and is_pulled:
             self._forget()
-        is_stuck = self._watchdog.watch(self._left(data, self.goal), part=0.1 if is_led else 1.0)
+        is_stuck = self._watchdog.watch(self._left(data, self.goal), part=_LED if is_led else 1.0)
         if (self.spot is None and not moves) or is_stuck:
             self._watchdog.begin("fingertip")
             self._pulled_from = place.copy()

@@ -37,6 +37,13 @@ _SHAKES = 10  # plannings that a ball lies on the arm before it is shaken off, a
 _WAITS = 25  # plannings that the arm keeps still after the hand has opened
 _ENOUGH = 3  # poses from which the ball gets in; a path leads to the nearest of them
 _HOLDS = 15  # times that the arm is put back while a ball falls
+_FALL = 0.6  # seconds in which a ball must get in
+_IN = 0.02  # metres from its place, within which it is in
+_ROLLS = 0.3  # metres; a ball that is further away from its place does not roll in any more
+_ALOFT = 0.05  # metres above the ground; a ball that rests higher lies on the arm
+_RESTS = 0.1  # metres per second
+_STILL = 0.5  # radians per second
+_SHAKEN = 0.02  # radians; spread of the poses beside one, from which the ball must get in too
 
 
 class Release:
@@ -59,7 +66,7 @@ class Release:
     def update(self, physics: Physics) -> bool:
         """Counts the plannings; returns `is_busy`."""
         away = np.hypot(*self._cup.offset(physics.named.data, "ball"))
-        self.waits = max(self.waits - 1, 0) if away < 0.3 else 0  # else it has not rolled in
+        self.waits = max(self.waits - 1, 0) if away < _ROLLS else 0
         if not self.waits:
             self._watch_arm(physics)
         return self.is_busy
@@ -68,9 +75,9 @@ class Release:
         """Begins to shake the arm if the ball has come to rest on it."""
         data = physics.named.data
         is_in = self._task.get_reward(physics) > 0.5
-        lies = height_above_ground(data.site_xpos["ball"]) > 0.05
+        lies = height_above_ground(data.site_xpos["ball"]) > _ALOFT
         speed = np.abs(data.qvel[self._fetch.prop.joints[:2]]).max()
-        rests = bool(lies and speed < 0.1) and not self._fetch.has and not is_in
+        rests = bool(lies and speed < _RESTS) and not self._fetch.has and not is_in
         self.shakes = max(self.shakes - 1, 0)
         if not rests:
             self._lying.begin()
@@ -93,7 +100,7 @@ class Release:
         if path is None:
             fetch.follow(self._path(physics), 0)
             return
-        is_still = np.abs(data.qvel[ARM]).max() < 0.5  # radians per second
+        is_still = np.abs(data.qvel[ARM]).max() < _STILL
         if path.left < ARRIVED and is_still and self.works(physics):
             fetch.drop_path(0)
             self.waits, self._kept = _WAITS, data.qpos[ARM].copy()
@@ -111,7 +118,7 @@ class Release:
         for pose in self._drawn(data, random):
             if len(self._poses) >= _ENOUGH:
                 break
-            shaken = pose + random.normal(0.0, 0.02, (2, 4))  # it must also work beside
+            shaken = pose + random.normal(0.0, _SHAKEN, (2, 4))
             if all(self.works(physics, each) for each in (pose, *shaken)):
                 self._poses.append(pose)
         if len(self._poses) < _ENOUGH:
@@ -122,10 +129,7 @@ class Release:
         return found
 
     def works(self, physics: Physics, pose: np.ndarray | None = None) -> bool:
-        """Whether the ball gets in if released at a pose (4,), by default the current one.
-
-        It must be within 2 cm of its place after 0.6 seconds.
-        """
+        """Whether the ball gets in if released at a pose (4,), by default the current one."""
         data, joints = physics.named.data, self._fetch.prop.joints[:2]
         ahead, aside = (float(d) for d in in_hand(data, data.site_xpos["ball"]))
         kept: np.ndarray = data.qpos[ARM].copy() if pose is None else pose
@@ -136,10 +140,10 @@ class Release:
             data.qvel[:] = 0.0
             physics.set_control(np.array([0.0, 0.0, 0.0, 0.0, OPEN]))
             for _ in range(_HOLDS):
-                physics.step(round(0.6 / _HOLDS / physics.timestep()))
+                physics.step(round(_FALL / _HOLDS / physics.timestep()))
                 data.qpos[ARM], data.qvel[ARM] = kept, 0.0
             physics.forward()
-            is_in = bool(np.abs(self._cup.offset(data, "ball")).max() < 0.02)
+            is_in = bool(np.abs(self._cup.offset(data, "ball")).max() < _IN)
         return is_in
 
     def _drawn(self, data: NamedFields, random: np.random.Generator) -> np.ndarray:

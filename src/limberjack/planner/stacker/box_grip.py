@@ -17,6 +17,7 @@ __all__ = ["HIGH", "PRESS", "Grip", "fetching", "grip_of", "how_held", "ready"]
 PRESS = 0.5  # control of the grasp that holds a box
 HIGH = 0.022  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
 _CLOSING = np.radians(14.0) - OPEN_ANGLE  # by which fingers around a box have closed, measured
+_EMPTY = np.radians(35.0)  # by which fingers have closed that hold nothing; at 10 more it is sure
 _NEARLY = np.radians(8.0)  # of fingers that come to a box: there is room, and they close sooner
 
 
@@ -58,8 +59,7 @@ def grip_of(data: NamedFields, box: str) -> Grip:
 def how_held(grip: Grip, has: bool) -> np.ndarray:
     """Quality of the hold, 0 to 1, (N,); a hand that does not have the box must hold it better."""
     hold = _KEEPING if has else _TAKING
-    # Fingers that have closed by 35 to 45 degrees hold nothing.
-    empty = np.clip((grip.closed - np.radians(35.0)) / np.radians(10.0), 0.0, 1.0)
+    empty = np.clip((grip.closed - _EMPTY) / np.radians(10.0), 0.0, 1.0)
     closed = np.clip(grip.closed / hold.closed, 0.0, 1.0) ** 6 * (1.0 - empty)
     if not has:
         # While the fingers still turn the box is at their tips, where it slips when lifted.

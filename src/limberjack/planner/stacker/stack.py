@@ -44,6 +44,14 @@ _CAUGHT = 14  # planning steps; a box that is aloft for longer lies on the arm
 _PATIENCE = 20  # planning steps without progress, 0.6 s; then the arm retreats
 _PROGRESS = 0.9  # of the least distance so far: a shorter one is progress
 _RETREAT = 12  # planning steps
+_EARLY = 0.4  # seconds, in which boxes fall from their starts
+_LEANS = 0.06  # metres; a tilted box that is higher leans on the arm
+_GENTLE = 0.3  # share of the noise, for an arm that carries a box: a large one jerks it
+_FLOOR = 0.045  # metres; a grasp site that is lower has the fingers on the floor
+_LEFT = 0.12  # metres from the target, where the hand has left the tower
+_LOOSE = 10.0  # cost of a box that is not held, more than of any that is
+_HASTE, _JERK = 1.3, 10.0  # m/s and m/s2, from which on a box slips as it is carried
+_CREPT = 0.03  # metres ahead of the grasp site, from which on a box has crept to the fingertips
 
 
 class Stage(enum.Enum):
@@ -118,13 +126,13 @@ class Stack(Cost):
         self._firm = self._firm and tower.next == before
         self._firm = self._held(data) > (_LOST if self._firm else _HAS)
         if self._firm:
-            self.noise_scale = 0.3  # a large one jerks the box
+            self.noise_scale = _GENTLE
         loose = tower.waiting if self._firm else [*tower.waiting, tower.next]
         if self._is_caught(data, loose):
             self._lying.watch()
         else:
             self._lying.begin()
-        is_early = physics.time() < 0.4  # seconds, in which boxes fall from their starts
+        is_early = physics.time() < _EARLY
         falling = is_early and bool((data.site_xpos[loose][:, 2] > ALOFT).any())
         if falling and not self._falling:
             self._refuge = moves.shelter(data)
@@ -139,7 +147,7 @@ class Stack(Cost):
     def _is_caught(self, data: NamedFields, loose: list[str]) -> bool:
         """Whether a box beside the tower is aloft, or leans on the arm."""
         places = data.site_xpos[loose]
-        leans = (places[:, 2] > 0.06) & (turned(data, loose) > FLAT)  # metres; not on the floor
+        leans = (places[:, 2] > _LEANS) & (turned(data, loose) > FLAT)
         beside = np.abs(places[:, 0] - self._tower.place[0]) > FREE
         return bool(((leans | (places[:, 2] > ALOFT)) & beside).any())
 
@@ -165,10 +173,10 @@ class Stack(Cost):
         if tower.placed:
             terms["shaken tower"] = self._shaken(data, placed)
         terms["boxes in the way"] = self._in_the_way(waiting)
-        terms["hand at the floor"] = np.maximum(0.045 - hand[..., 2], 0.0)
+        terms["hand at the floor"] = np.maximum(_FLOOR - hand[..., 2], 0.0)
         if stage is Stage.LEAVE:
             distance = arrays.norm(hand - data.site_xpos["target"])
-            return terms | {"hand at the target": np.maximum(0.12 - distance, 0.0)}
+            return terms | {"hand at the target": np.maximum(_LEFT - distance, 0.0)}
         away = np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
         if stage is Stage.DODGE:
             return terms | {"falling boxes": self._fallen(data) + 0.1 * away}
@@ -198,16 +206,14 @@ class Stack(Cost):
         moved = np.minimum(speed, 1.0) + 10.0 * np.maximum(box[..., 1] - _LYING, 0.0)
         carry = 1.0 - standing + _grasp(physics, standing) + grip.tilt
         if self._firm:
-            # A box that is carried too fast, in m/s, or jerked, in m/s2, slips.
-            haste = 2.0 * np.maximum(speed - 1.3, 0.0)
-            haste = haste + 0.05 * np.maximum(length(data.qacc[dofs]) - 10.0, 0.0)
+            haste = 2.0 * np.maximum(speed - _HASTE, 0.0)
+            haste = haste + 0.05 * np.maximum(length(data.qacc[dofs]) - _JERK, 0.0)
             # Any box creeps towards the fingertips, by 20 mm in half a metre at 1 m/s.
-            slip = 30.0 * np.maximum(grip.ahead - 0.03, 0.0)
+            slip = 30.0 * np.maximum(grip.ahead - _CREPT, 0.0)
             carry += self._distance(data, box, others) + haste + slip
         else:  # a box that is not held firmly yet is not lifted
             carry += moved
-        # A box that is not held costs more than any that is.
-        fetch = 10.0 + fetching(grip) + moved + self._pushed(data, waiting)
+        fetch = _LOOSE + fetching(grip) + moved + self._pushed(data, waiting)
         fetch += self._crowd(box, others) + self._over_tower(data.site_xpos["grasp"])
         return {"carry": secure * carry, "fetch": (1.0 - secure) * fetch}
 

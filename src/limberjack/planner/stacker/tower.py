@@ -33,6 +33,7 @@ ALOFT = 0.13  # metres; a loose box higher than this is falling, or lies on the 
 PLACED = 0.006  # metres; a box nearer to its place than this stands there, up to twice as far
 FLAT = 0.01  # of `turned`: 6 degrees
 PASSES = 1.5 * HALF  # above another one a box that is carried keeps clear of it
+_SURE = 0.010  # metres; the same, of a box that carries others
 _BELOW = 0.18  # metres; boxes that are higher than this are falling, or on the arm
 
 
@@ -80,7 +81,7 @@ class Tower:
             gaps = [math.hypot(boxes[box][0] - x, boxes[box][2] - height) for box in left]
             nearest = gaps.index(min(gaps))
             box, gap = left[nearest], gaps[nearest]
-            allowed = PLACED if height == heights[-1] else 0.010  # metres; if it carries others
+            allowed = PLACED if height == heights[-1] else _SURE
             # One that stood there may have moved a little.
             stood = box in before and gap < 2.0 * allowed
             if not stood and not _stands(data, box, gap, allowed):
