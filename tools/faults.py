@@ -697,6 +697,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if len(set(installed.values())) > 1:", "if len(set(installed.values())) > 2:"),
         ('package.partition("[")[0]', "package"),
     ],
+    "planner/arm/watchdog.py": [
+        ("            self._least.pop(name, None)\n", "            pass\n"),
+        ("            self._pursued = pursued\n            self.begin()\n", "            pass\n"),
+        ("self._share * ", ""),
+        (" - self._headway", ""),
+        ("self._waited += part", "self._waited += 1.0"),
+        ("self._waited > self._patience", "self._waited >= self._patience"),
+    ],
     "planner/control_law.py": [
         ("reach = self.follows / np.abs(self.gain)", "reach = self.follows / self.gain"),
         ("np.minimum(error, _LARGEST_ERROR)", "error"),

@@ -22,6 +22,7 @@ def test_each_distance_is_headway_by_itself_and_a_new_one_too() -> None:
     assert watchdog.watch({"object": 0.5, "fingertip": 0.1})
     watchdog.begin("fingertip")
     assert not watchdog.is_stuck
+    assert not watchdog.watch({"object": 0.5})
     assert not watchdog.watch({"object": 0.5, "fingertip": 0.3})  # as if it were new
     assert watchdog.watch({"object": 0.49, "fingertip": 0.3})  # that of the object is not
 

@@ -33,7 +33,9 @@ _AWRY = 0.1  # metres that a cosine counts as which lacks to face the mouth
 _FALLS_IN = 3  # trials to let a ball just fall in, before a pose is tested from which it rolls in
 _MOST_LEFT = 4.0  # cost of the way that is left: less than that of an object that is not held
 _STILL = 0.1  # share of the noise, for a hand that leaves an object in its place
+_AT_MOUTH = 0.1  # metres; scale of the distance that is left there
 _CLOSE = 0.06  # metres from before the mouth, within which an object is proposed to go in
+_HIGHER = 0.06  # metres above the place before the mouth, from where the arm may come to it
 
 
 class Insert(Cost):
@@ -162,7 +164,7 @@ class Insert(Cost):
         if fetch.path is not None and fetch.has:
             left = PER_RADIAN * fetch.path.remaining(data.qpos[ARM])
         else:
-            left = slot.distance(offsets) / (_STAYS if self._at_mouth else LONGEST)
+            left = slot.distance(offsets) / (_AT_MOUTH if self._at_mouth else LONGEST)
             left = left + held * np.maximum(_FACING - slot.facing(data), 0.0)
         carry = carry + _MOST_LEFT * np.tanh(left / _MOST_LEFT)
         return {"carry": secure * carry, **fetch.terms(data, 1.0 - secure)}
@@ -201,7 +203,7 @@ class Insert(Cost):
             poses = slot.poses(data, random, slot.before, 0.0, 2)
         else:
             poses = slot.poses(data, random, slot.before, 0.0, 6)
-            high = slot.poses(data, random, slot.before + _CLOSE, 0.0, 3)
+            high = slot.poses(data, random, slot.before + _HIGHER, 0.0, 3)
             proposals.extend(straight_to(high, press, 1, 3))
         proposals.extend(straight_to(poses, press, 1, 2, 4))
         return [*proposals, *lifts(random, data, press)[::2]]
