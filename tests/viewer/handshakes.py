@@ -58,8 +58,10 @@ def ask(
             got += received
         first, _, text = got.partition(b"\r\n\r\n")
         lines = first.decode("latin-1").split("\r\n")
-        found = dict(line.split(": ", 1) for line in lines[1:])
-        assert len(found) == len(lines) - 1, f"a header twice: {lines}"
+        found: dict[str, str] = {}
+        for line in lines[1:]:  # Studio repeats some, with the same value
+            name, value = line.split(": ", 1)
+            assert found.setdefault(name, value) == value, f"{name} twice: {lines}"
         length = int(found.get("Content-Length", 0))
         while len(text) < length and (received := connection.recv(1 << 16)):
             text += received
