@@ -59,13 +59,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "viewer/session.py": [
         ("is_as_it_is = self._look is None and not self._is_fast", "is_as_it_is = not self._look"),
-        ("        if self._quality == AUTO:\n", "        if True:\n"),
-        (
-            "        self._is_fast = fast\n        self._model_version += 1\n",
-            "        self._is_fast = fast\n",
-        ),
+        ("(self._quality == AUTO and self._is_drawn_by_software)", "self._is_drawn_by_software"),
+        ("        if self._is_fast == was_fast:\n            return\n", ""),
         ("if self._is_fast and self._flagged is not None:", "if self._flagged is not None:"),
-        ("        self._quality = quality\n", ""),
+        ("was_fast, self._quality = self._is_fast, quality", "was_fast = self._is_fast"),
         ("    model.light_castshadow[:] = False\n", ""),
         ("data=[0.0])", "data=[1.0])"),
         ("            mine[...] = value\n", ""),

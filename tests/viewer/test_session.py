@@ -596,14 +596,19 @@ def test_a_browser_that_draws_by_software_is_shown_the_fast_view_unless_another_
     assert session.model_version > before  # so that it is drawn now
     assert (session.status().quality, _shadows(session)) == ("auto", 0)
     assert session.copy_model().numeric("filament.ao.enabled").data == [0.0]
+    before = session.model_version
+    session.drawn_by_software()  # as each page says that is opened
+    session.set_quality("fast")
+    assert session.model_version == before  # nothing is sent again
     session.set_quality("full")
     session.drawn_by_software()
     assert (session.status().quality, _shadows(session)) == ("full", shadows)
     assert session.copy_model().nnumeric == 0
     session.set_quality("fast")
     assert _shadows(session) == 0
+    session.set_quality("full")
     session.set_quality("auto")
-    assert _shadows(session) == shadows
+    assert _shadows(session) == 0  # it still draws by software
 
 
 def _shadows(session: Session) -> int:

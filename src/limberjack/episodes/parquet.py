@@ -331,7 +331,7 @@ def write_plain(
 
 
 def _plain(values: Plain) -> pa.Array:
-    """Them as an array."""
+    """The values of a column as an array of pyarrow."""
     if not isinstance(values, np.ndarray):
         array = pa.array(values)
         if array.type != pa.binary():

@@ -18,7 +18,7 @@ from limberjack.mujoco.wrapper import MjvScene
 from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Contents", "Overlay", "Style", "check_quality", "draw", "finished"]
+__all__ = ["Contents", "Overlay", "Style", "draw", "finished"]
 
 # Arguments of `mjv_updateScene` before the scene; None is the perturbation.
 Contents = tuple[mujoco.MjModel, mujoco.MjData, mujoco.MjvOption, None, mujoco.MjvCamera, int]
@@ -44,7 +44,7 @@ class Overlay(Protocol):
         ...
 
 
-def check_quality(quality: object) -> None:
+def _check_quality(quality: object) -> None:
     """Raises ValueError unless it is 'full' or 'fast'."""
     if not isinstance(quality, str) or quality not in _QUALITIES:
         raise ValueError(
@@ -80,7 +80,7 @@ class Style(NamedTuple):
           ValueError: incompatible arguments, or an unknown quality.
         """
         overlays = tuple(overlays)
-        check_quality(quality)
+        _check_quality(quality)
         if depth and segmentation:
             raise ValueError("`depth` and `segmentation` cannot both be true: render twice")
         if overlays and (depth or segmentation):

@@ -198,6 +198,7 @@ class Session:
         self._model_version = 0
         self._copied_version = (0, 0)  # which model has which version
         self._flagged: mujoco.MjModel | None = None  # compiled for the quality 'fast'
+        self._quality, self._is_drawn_by_software = AUTO, False
         self.set_quality(quality)
         self._begin_episode()
 
@@ -335,18 +336,24 @@ class Session:
                 f"quality is {quality!r}; expected {', '.join(QUALITIES)}."
                 f"{did_you_mean(quality, QUALITIES)}"
             )
-        self._quality = quality
-        self._set_fast(quality == "fast")
+        was_fast, self._quality = self._is_fast, quality
+        self._show_quality(was_fast)
 
     def drawn_by_software(self) -> None:
         """Notices that a browser draws without a GPU, which decides on the quality 'auto'."""
-        if self._quality == AUTO:
-            self._set_fast(True)
+        was_fast, self._is_drawn_by_software = self._is_fast, True
+        self._show_quality(was_fast)
 
-    def _set_fast(self, fast: bool) -> None:
-        if fast and self._flagged is None:
+    @property
+    def _is_fast(self) -> bool:
+        return self._quality == "fast" or (self._quality == AUTO and self._is_drawn_by_software)
+
+    def _show_quality(self, was_fast: bool) -> None:
+        """Shows the model again if the quality has become another one."""
+        if self._is_fast == was_fast:
+            return
+        if self._is_fast and self._flagged is None:
             self._flagged = self._compiled_without_occlusion()
-        self._is_fast = fast
         self._model_version += 1
 
     def push(self, forces: np.ndarray) -> None:
