@@ -33,6 +33,7 @@ from limberjack.rl import control
 from limberjack.suite import base
 from limberjack.viewer.access import Access, find_address
 from limberjack.viewer.session import Session
+from limberjack.viewer.shown import Shown
 
 MODEL = '''
 <mujoco>
@@ -60,7 +61,7 @@ class Nothing(base.Task):
             print(session.status().policy, physics.control()[0], file=file)
         return 0.5
 
-class Told(Session):
+class Told(Shown):
     def drawn_by_software(self):
         super().drawn_by_software()
         with open("told", "a") as told:
@@ -71,7 +72,8 @@ file = open("spied", "w", buffering=1)
 physics = Physics.from_xml_string(MODEL)
 environment = control.Environment(physics, Nothing(0), time_limit=1000, control_timestep=0.02)
 show = viewer.in_browsers(Access(find_address()), "box", lambda url: print(url, flush=True))
-session = Told(environment, seed=3, policies=viewer.offered(environment, ["none", "random"]))
+session = Session(environment, seed=3, policies=viewer.offered(environment, ["none", "random"]))
+session.shown = Told(environment)
 show(session)
 """
 

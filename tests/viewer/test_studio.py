@@ -56,7 +56,7 @@ class _Studio:
     def shown(self) -> SimpleNamespace:
         """The state that Studio was last sent, in a model and data of its own."""
         (snapshot,) = self.received(messages.StateSnapshot)
-        model = self.session.copy_model()
+        model = self.session.shown.copy_model()
         data = mujoco.MjData(model)
         mujoco.mj_setState(model, data, snapshot.state, snapshot.state_sig)
         return SimpleNamespace(qpos=data.qpos, time=data.time)
@@ -141,9 +141,9 @@ def test_a_push_reaches_the_simulation(humanoid: _Studio) -> None:
 
 
 def test_a_body_dragged_with_the_mouse_is_pulled_that_way(humanoid: _Studio) -> None:
-    model = humanoid.session.copy_model()
+    model = humanoid.session.shown.copy_model()
     data = mujoco.MjData(model)
-    humanoid.session.copy_state(model, data)
+    humanoid.session.shown.copy_state(model, data)
     mujoco.mj_forward(model, data)
     mouse = mujoco.MjvPerturb()
     mouse.select = 1  # the torso
@@ -169,7 +169,7 @@ def test_what_would_change_the_environment_is_refused(humanoid: _Studio) -> None
     session.pause()
     before = session.data.qpos.copy()
     gravity = session.model.opt.gravity.copy()
-    options = session.copy_model().opt
+    options = session.shown.copy_model().opt
     options.gravity[:] = 0.0
     position = int(mujoco.mjtState.mjSTATE_QPOS)
     for message in (

@@ -64,10 +64,10 @@ def test_its_text_has_the_stage_and_the_terms_of_a_plan(session: Session) -> Non
 
 
 def test_an_episode_s_changes_of_the_model_are_copied_to_the_window_s(session: Session) -> None:
-    model = session.copy_model()
+    model = session.shown.copy_model()
     session.reset()
     assert not np.array_equal(model.body_pos, session.model.body_pos)
-    session.copy_fields(model)
+    session.shown.copy_fields(model)
     for name in ("body_pos", "body_quat", "geom_rgba"):
         np.testing.assert_array_equal(getattr(model, name), getattr(session.model, name))
     model.body_pos[:] = 7.0

@@ -20,7 +20,8 @@ from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.access import Access, find_address
 from limberjack.viewer.panel import Weigh, Worded
-from limberjack.viewer.session import AUTO, NO_POLICY, Act, Begin, Plan, Session, Viewed, idle
+from limberjack.viewer.session import NO_POLICY, Act, Begin, Plan, Session, idle
+from limberjack.viewer.shown import AUTO, Viewed
 
 if TYPE_CHECKING:
     from limberjack.planner import Planner

@@ -15,7 +15,8 @@ from types import ModuleType
 
 import numpy as np
 
-from limberjack.viewer.session import QUALITIES, Actuator, Plan, Session, Status
+from limberjack.viewer.session import Actuator, Plan, Session, Status
+from limberjack.viewer.shown import QUALITIES
 
 __all__ = ["Panel", "Weigh", "Wish", "Worded"]
 
@@ -160,7 +161,7 @@ class Panel:
             imgui.SetItemTooltip("The next start of this kind")
         quality = self._choose("quality", QUALITIES, status.quality)
         if quality is not None:
-            self._send(lambda session: session.set_quality(quality))
+            self._send(lambda session: session.shown.set_quality(quality))
         imgui.SetItemTooltip("fast: no shadows, reflections, darkened corners and smooth edges")
 
     def _choose(self, label: str, names: Sequence[str], name: str) -> str | None:

@@ -10,58 +10,45 @@ a step is taken, not its result. Pushing applies forces to bodies of the simulat
 nothing else. One thread uses a session; it opens no window and knows nothing of MuJoCo Studio.
 """
 
-import copy
 import dataclasses
 import math
 import time
-import zlib
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import dm_env
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.dressing import dressed, look_of
-from limberjack.mujoco.recompiling import spec_of
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
-from limberjack.utils.suggest import did_you_mean
-from limberjack.worlds.appearance.looks import Look
+from limberjack.viewer.shown import AUTO, Shown, Viewed
 
 __all__ = [
-    "AUTO",
     "NO_POLICY",
-    "QUALITIES",
     "Act",
     "Actuator",
     "Begin",
     "Plan",
     "Session",
     "Status",
-    "Viewed",
     "ViewerError",
     "idle",
 ]
 
 NO_POLICY = "none"  # name of `idle`, whose action a person may set
-AUTO = "auto"  # the quality that depends on what draws
-QUALITIES = (AUTO, "full", "fast")
 
 Act = Callable[[dm_env.TimeStep], object]  # to an action, which the environment checks
-# Any: a `control.Environment`, a wrapper of one or another library's, by its attributes.
-Viewed = Any
 # Begins an episode: takes the environment, which has been reset, and the episode's seed, or its
 # number where the environment is not seeded.
 Begin = Callable[[Environment, int], Act]
 
 _LONGEST_DEBT = 0.1  # seconds; time lost beyond this, as in a slow policy, is not caught up
 _LONGEST_CALL = 1 / 30  # seconds; after this long `advance` lets the viewer show what there is
-_SHOWN = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _MOST_STARTS = 1000  # that are tried for one of a wanted kind; the rarest has a share of 5 %
 
 
@@ -116,26 +103,6 @@ def idle(environment: Environment, seed: int) -> Act:
     return lambda time_step: action.copy()
 
 
-def _simplify(model: mujoco.MjModel) -> None:
-    """Makes a model quick to draw by viewers that draw it by themselves."""
-    model.light_castshadow[:] = False
-    model.mat_reflectance[:] = 0.0
-    model.vis.quality.shadowsize = model.vis.quality.offsamples = 0
-
-
-def _with_fields_of(model: mujoco.MjModel, flagged: mujoco.MjModel) -> mujoco.MjModel | None:
-    """A copy of a model with flags that has the fields of another; None if those do not fit."""
-    made = copy.copy(flagged)
-    for name in dir(model):
-        value = getattr(model, name)
-        if isinstance(value, np.ndarray) and not name.startswith(("_", "name", "numeric_")):
-            mine = getattr(made, name)
-            if mine.shape != value.shape:
-                return None
-            mine[...] = value
-    return made
-
-
 class Session:
     """An environment with a clock and a policy; see the module's docstring."""
 
@@ -161,8 +128,7 @@ class Session:
           clock: returns the time in seconds.
           plan: returns the policy's last plan in this episode.
           policies: by name, in the place of `begin`; the first acts until another one is chosen.
-          quality: 'fast' shows the model without shadows, reflections, darkened corners and smooth
-            edges, 'full' with them, and 'auto' with them unless a browser draws without a GPU.
+          quality: of what `shown` copies; see `Shown`.
 
         Raises:
           TypeError: the environment has no MuJoCo simulation to show.
@@ -194,12 +160,7 @@ class Session:
         self.set_speed(speed)
         self._episodes = 0
         self._ending = ""  # why the episode ended early
-        self._digest: int | None = None
-        self._model_version = 0
-        self._copied_version = (0, 0)  # which model has which version
-        self._flagged: mujoco.MjModel | None = None  # compiled for the quality 'fast'
-        self._quality, self._is_drawn_by_software = AUTO, False
-        self.set_quality(quality)
+        self.shown = Shown(environment, quality)  # what a viewer draws
         self._begin_episode()
 
     # Called for the person at the viewer.
@@ -325,37 +286,6 @@ class Session:
             raise ValueError(f"speed is {speed}; expected a positive number, such as 1 or 0.5")
         self._speed = float(speed)
 
-    def set_quality(self, quality: str) -> None:
-        """Shows the model in another quality from now on; see `__init__`.
-
-        Raises:
-          ValueError: the quality is unknown; nothing changes.
-        """
-        if quality not in QUALITIES:
-            raise ValueError(
-                f"quality is {quality!r}; expected {', '.join(QUALITIES)}."
-                f"{did_you_mean(quality, QUALITIES)}"
-            )
-        was_fast, self._quality = self._is_fast, quality
-        self._show_quality(was_fast)
-
-    def drawn_by_software(self) -> None:
-        """Notices that a browser draws without a GPU, which decides on the quality 'auto'."""
-        was_fast, self._is_drawn_by_software = self._is_fast, True
-        self._show_quality(was_fast)
-
-    @property
-    def _is_fast(self) -> bool:
-        return self._quality == "fast" or (self._quality == AUTO and self._is_drawn_by_software)
-
-    def _show_quality(self, was_fast: bool) -> None:
-        """Shows the model again if the quality has become another one."""
-        if self._is_fast == was_fast:
-            return
-        if self._is_fast and self._flagged is None:
-            self._flagged = self._compiled_without_occlusion()
-        self._model_version += 1
-
     def push(self, forces: np.ndarray) -> None:
         """Pushes bodies from now on, until the next call.
 
@@ -421,11 +351,6 @@ class Session:
         return self._environment.physics.model._model
 
     @property
-    def _look(self) -> Look | None:
-        """The appearance of the episode; None for that of the model."""
-        return look_of(self._environment.physics)
-
-    @property
     def data(self) -> mujoco.MjData:
         """The `mujoco.MjData` of the simulation.
 
@@ -442,66 +367,6 @@ class Session:
                 "environment of limberjack.suite, or a control.Environment with a mujoco.Physics"
             )
         return data
-
-    @property
-    def model_version(self) -> int:
-        """A number that grows when an episode begins with another model or look than before."""
-        return self._model_version
-
-    def copy_model(self) -> mujoco.MjModel:
-        """A copy of the model, for the viewer to keep, in the look of this moment."""
-        model, look = self.model, self._look
-        if self._is_fast and self._flagged is not None:
-            model = _with_fields_of(model, self._flagged) or model
-        model = copy.copy(model) if look is None else dressed(look, model, self.data)
-        if self._is_fast:
-            _simplify(model)
-        return model
-
-    def _compiled_without_occlusion(self) -> mujoco.MjModel | None:
-        """The model with a flag for the viewer; None if it cannot be compiled again.
-
-        MuJoCo Studio then darkens no corners, which takes half of its time.
-        """
-        mjcf = getattr(self._environment.physics.model, "_mjcf", None)
-        if mjcf is None:
-            return None
-        try:
-            spec = spec_of(*mjcf)
-            spec.add_numeric(name="filament.ao.enabled", data=[0.0])
-            return spec.compile()
-        except ValueError:  # it has the flag, or a file that it refers to is not there any more
-            return None
-
-    def copy_fields(self, model: mujoco.MjModel) -> list[str]:
-        """Writes the fields that an episode has changed into a viewer's copy; returns their names.
-
-        Args:
-          model: of `copy_model`.
-        """
-        if self._copied_version == (id(model), self._model_version):
-            return []
-        is_as_it_is = self._look is None and not self._is_fast
-        now, changed = self.model if is_as_it_is else self.copy_model(), []
-        for name in dir(now):
-            mine = getattr(now, name)
-            if isinstance(mine, np.ndarray) and not np.array_equal(getattr(model, name), mine):
-                getattr(model, name)[...] = mine
-                changed.append(name)
-        self._copied_version = id(model), self._model_version
-        return changed
-
-    def copy_state(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Writes the state into a viewer's data, without the pushes, which are the viewer's own.
-
-        Args:
-          model: of `copy_model`.
-          data: a `mujoco.MjData` of that model; quantities derived from the state are not computed.
-        """
-        state = np.empty(mujoco.mj_stateSize(model, _SHOWN))
-        mujoco.mj_getState(self.model, self.data, state, _SHOWN)
-        mujoco.mj_setState(model, data, state, _SHOWN)
-        data.xfrc_applied[:] = 0.0
 
     def status(self) -> Status:
         """The running episode's status now."""
@@ -525,7 +390,7 @@ class Session:
             policy=self._policy,
             action=self._shown_action(),
             plan=self._plan(),
-            quality=self._quality,
+            quality=self.shown.quality,
         )
 
     def _terms(self) -> Mapping[str, float]:
@@ -559,7 +424,7 @@ class Session:
     def _complete_start(self) -> None:
         self._begin_policy()
         self._is_over = False
-        self._note_model()
+        self.shown.note_start()
 
     def _begin_policy(self) -> None:
         """Begins the policy in this state."""
@@ -581,15 +446,6 @@ class Session:
         self._reward: float | None = None
         self._total = 0.0
         self._note, self._ending = self._ending, ""
-
-    def _note_model(self) -> None:
-        """Notices whether the start has changed the model, by its bytes, or its look."""
-        model = self.model
-        content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-        mujoco.mj_saveModel(model, None, content)
-        digest = zlib.crc32(content.data)
-        self._model_version += digest != self._digest or self._look is not None
-        self._digest = digest
 
     def _apply_push(self) -> None:
         """Sets the forces on pushed bodies, and removes them from released ones."""

@@ -129,9 +129,9 @@ def _wait_until(is_ready: Callable[[], bool], handle: _OfStudio) -> None:
 
 def _set_model(handle: _OfStudio, session: Session) -> None:
     """Gives Studio a model and a state of its own; environments may share theirs."""
-    model = session.copy_model()
+    model = session.shown.copy_model()
     data = mujoco.MjData(model)
-    session.copy_state(model, data)
+    session.shown.copy_state(model, data)
     handle.set_model(model, data=data)
 
 
@@ -154,7 +154,7 @@ class _Loop(plugin.SimPlugin):
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._model_version = session.model_version
+        self._model_version = session.shown.version
         self._has_changed = True
         self._reported: Status | None = None
 
@@ -163,11 +163,11 @@ class _Loop(plugin.SimPlugin):
         """Takes and shows the steps that have become due; called again and again."""
         session = self._session
         self._has_changed |= session.advance()
-        if session.model_version != self._model_version:
-            self._model_version = session.model_version
+        if session.shown.version != self._model_version:
+            self._model_version = session.shown.version
             _set_model(self.handle, session)
         elif self._has_changed:
-            session.copy_state(event.model, event.data)
+            session.shown.copy_state(event.model, event.data)
         if self._has_changed:
             self._report()
         self._has_changed = False
@@ -293,7 +293,7 @@ class _Panel(plugin.ViewerPlugin):
         """Draws the panel, again for each frame."""
         if self.is_drawn_by_software.is_set():
             self.is_drawn_by_software.clear()
-            self._send(lambda session: session.drawn_by_software())
+            self._send(lambda session: session.shown.drawn_by_software())
         self._panel.draw()
 
 

@@ -38,10 +38,10 @@ def run(session: Session) -> None:
     _check_display()
     from mujoco import viewer  # it looks for a window system when it is imported
 
-    model = session.copy_model()
+    model = session.shown.copy_model()
     data = mujoco.MjData(model)
     keys: queue.SimpleQueue[int] = queue.SimpleQueue()
-    session.copy_state(model, data)
+    session.shown.copy_state(model, data)
     earlier = set(threading.enumerate())
     try:
         window = viewer.launch_passive(
@@ -56,8 +56,8 @@ def run(session: Session) -> None:
                 _do(session, keys.get())
             session.advance()
             with window.lock():
-                changed = session.copy_fields(model)
-                session.copy_state(model, data)
+                changed = session.shown.copy_fields(model)
+                session.shown.copy_state(model, data)
                 mujoco.mj_forward(model, data)
                 mujoco.mjv_applyPerturbForce(model, data, window.perturb)
                 session.push(data.xfrc_applied)
