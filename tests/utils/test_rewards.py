@@ -359,7 +359,11 @@ def _assert_same_tolerance(dm_controls: Any, x: Any, **kwargs: Any) -> None:
     # dm_control computes both sides of each `where`, which overflow or are NaN for some `x`.
     with np.errstate(all="ignore"):
         values = [module.tolerance(x, **kwargs) for module in (rewards, dm_controls)]
-    assert_same_pair(values, f"tolerance({x!r}, {kwargs})")
+    try:
+        assert_same_pair(values, "tolerance")
+    except AssertionError as error:
+        error.add_note(f"tolerance({x!r}, {kwargs})")  # its text takes longer than the comparison
+        raise
 
 
 @pytest.mark.oracle
