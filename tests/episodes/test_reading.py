@@ -156,6 +156,13 @@ def test_windows_are_those_of_a_loop(form: Form) -> None:
         np.testing.assert_array_equal(found.returns_to_go[number], np.where(mask, to_go, 0))
 
 
+def test_windows_have_the_rewards_of_single_steps_beside_transitions_with_sums() -> None:
+    form = Form(3)
+    which = np.arange(len(WindowsOf(_rows(), form)))
+    windows = WindowsOf(_rows(discount=_DISCOUNT, n_step=3), form).take(which)
+    _assert_same(windows, WindowsOf(_rows(discount=_DISCOUNT), form).take(which))
+
+
 def test_windows_can_be_changed_and_the_next_ones_are_as_before() -> None:
     source = WindowsOf(_rows(discount=_DISCOUNT), Form(4, after=3))
     which = np.arange(len(source))

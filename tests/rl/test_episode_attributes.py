@@ -343,8 +343,8 @@ _FAULTS: dict[str, tuple[Callable[[Any, Any], object], str]] = {
     "an attribute of the physics": (lambda _, physics: setattr(physics, "x", 1), "physics.x"),
     "a draw": (lambda task, _: task.random.uniform(), "draws from the task's random stream"),
     "another dtype": (
-        lambda task, _: setattr(task, "change", np.float32(1)),
-        "self.change to shape () and dtype float32",
+        lambda task, _: setattr(task, "change", np.int64(1)),
+        "self.change to shape () and dtype int64",
     ),
 }
 

@@ -447,7 +447,8 @@ def _type(column: Column, form: int = FORMAT) -> pa.DataType:
         return pa.dictionary(pa.int8() if form == 1 else pa.int32(), pa.string())
     number = pa.from_numpy_dtype(np.dtype(column.dtype))
     element = pa.field("element", number, nullable=False)
-    if column.name.startswith(FIELD) or (column.shape and column.is_of_step and form > 1):
+    is_of_any_size = column.name.startswith(FIELD) or column.size == 0  # pyarrow divides by sizes
+    if is_of_any_size or (column.shape and column.is_of_step and form > 1):
         return pa.list_(element)
     return pa.list_(element, column.size) if column.shape else number
 
@@ -468,12 +469,12 @@ def _to_arrow(column: Column, values: Values, rows: int) -> pa.Array:
         ends = np.full(rows + 1, len(numbers), np.int32)
         ends[0] = 0
         return pa.ListArray.from_arrays(_array(ends), numbers, type=kind)
-    if not column.is_of_step:
+    if not column.is_of_step and column.size:  # as in `_type`
         return pa.FixedSizeListArray.from_arrays(numbers, type=kind) if column.shape else numbers
     if not column.shape:
         return pa.concat_arrays([numbers, pa.nulls(1, kind)])
     ends = np.minimum(np.arange(rows + 1, dtype=np.int32) * column.size, len(numbers))
-    mask = _array(np.arange(rows) == rows - 1)
+    mask = _array(np.arange(rows) == rows - 1) if column.is_of_step else None
     return pa.ListArray.from_arrays(_array(ends.astype(np.int32)), numbers, type=kind, mask=mask)
 
 

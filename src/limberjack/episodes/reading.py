@@ -170,12 +170,14 @@ class Rows:
         # The row of a step: those of all steps before it, and a last one of each earlier episode.
         self._row = np.arange(lengths.sum()) + np.repeat(np.arange(len(lengths)), lengths)
         self._to_go: np.ndarray | None = None
+        # Rewards of single steps, as in windows, and the sums of transitions.
+        self._rewards = self._summed = reading.converted(rewards)
         if reading.discount is not None:
             self._to_go = reading.converted(self._returns(rewards, reading.discount))
             if reading.n_step > 1:
                 self._left = np.repeat(self._ends, lengths) - np.arange(len(rewards))
-                rewards = self._sums(rewards, reading.discount, reading.n_step)
-        self._rewards = reading.converted(rewards)
+                sums = self._sums(rewards, reading.discount, reading.n_step)
+                self._summed = reading.converted(sums)
 
     def __len__(self) -> int:
         return len(self._row)
@@ -222,7 +224,7 @@ class Rows:
         return Batch(
             {name: values.take(rows, axis=0) for name, values in self._observations.items()},
             self._actions.take(steps, axis=0),
-            self._rewards.take(steps),
+            self._summed.take(steps),
             {name: values.take(after, axis=0) for name, values in self._observations.items()},
             terminated,
             self._truncated.take(last),

@@ -178,9 +178,10 @@ class Single:
             return self._row.step_one(given)
         self._keep_what_was_set()
         if not self._to_watch:
-            time_step = plain.step(action)
-            self._look()
-            return time_step
+            try:
+                return plain.step(action)
+            finally:
+                self._look()
         self._to_watch -= 1
         return self._watched(plain, lambda: plain.step(action))
 
@@ -195,6 +196,7 @@ class Single:
             self._row._action_repeat = plain.action_repeat
             time_step = plain.set_state(state)
             self._row.set_up()
+            self._look()
             return time_step
         if isinstance(state, Snapshot):
             return _of_one(self._row.set_states(state))
@@ -241,6 +243,7 @@ class Single:
         self._row._action_repeat = plain.action_repeat
         plain.restore(snapshot)
         self._row.set_up()
+        self._look()
 
     def set_attribute(self, name: str, value: object) -> None:
         """Sets an attribute of the environment or its task, and of those made for later seeds."""
@@ -338,13 +341,17 @@ class Single:
     def _watched(self, plain: Environment, call: Callable[[], _T]) -> _T:
         """The result of a call of a plain environment, whose task may edit the model."""
         before = numbers_of(plain)
-        result = call()
-        self._edits_model |= numbers_of(plain) != before
-        self._look()
-        return result
+        try:
+            return call()
+        finally:
+            self._edits_model |= numbers_of(plain) != before
+            self._look()
 
     def _look(self) -> None:
-        """Records the attributes of a plain environment's task, after its hooks were called."""
+        """Records the attributes of a plain environment's task, after its hooks were called.
+
+        What they did before they failed is memory, too.
+        """
         plain = self._plain
         if plain is None:
             return

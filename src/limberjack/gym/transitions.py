@@ -73,6 +73,7 @@ class Transitions:
         """
         batch = self.batch
         time_step = batch.step(actions)
+        diverged = batch.diverged.copy()  # before rows that have ended begin again
         observation = self._in_form(time_step.observation)
         step_type = time_step.step_type
         last = step_type == _LAST
@@ -85,7 +86,7 @@ class Transitions:
         else:
             first = step_type == _FIRST
             info = self._terms(~first) | self._drawn(first)
-        info |= {"diverged": batch.diverged.copy(), "_diverged": np.ones(batch.num_envs, bool)}
+        info |= {"diverged": diverged, "_diverged": np.ones(batch.num_envs, bool)}
         return observation, time_step.reward, last & ~truncated, truncated, info
 
     def checked(self, actions: npt.ArrayLike) -> np.ndarray:
@@ -138,7 +139,11 @@ class Transitions:
             return {}
         # As in Gymnasium: the mask of the rows that each is valid for stands beside it.
         values = {name: values.copy() for name, values in drawn.items()}
-        masks = {f"_{name}": begun.copy() for name in drawn}
+        # Of several tasks, some may not have it.
+        masks = {
+            f"_{name}": begun & [value is not None for value in of_rows]
+            for name, of_rows in values.items()
+        }
         return {"randomization": values | masks, "_randomization": begun.copy()}
 
     def _terms(self, rows: np.ndarray) -> _Info:

@@ -325,6 +325,8 @@ class BatchEnvironment(Batch):
         """See `Batch`."""
         rows = self._numbers(rows)
         as_snapshot(snapshot).check_all(self.snapshot([0]), len(rows), self.step_limit)
+        memory = [one.get("task", {}) for one in snapshot.memory]
+        self._memory.check(memory)
         with self._use:
             self._replicas.check()
             self._begins[rows] = True  # until it is complete
@@ -344,8 +346,8 @@ class BatchEnvironment(Batch):
                 self._looks.load(snapshot.frames, rows, streams)
             self._counter.steps[rows] = snapshot.step_count
             self._set_limits(rows, snapshot.limits)
-            if snapshot.memory:
-                self._memory.load(rows, [one.get("task", {}) for one in snapshot.memory])
+            if memory:
+                self._memory.load(rows, memory)
             self._has_observed[rows] = False
             self._begins[rows], self.diverged[rows] = snapshot.begins, False
 

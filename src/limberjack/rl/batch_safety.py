@@ -171,6 +171,7 @@ class _Trial:
         self._name = type(task).__name__
         self._task: Task = _copied(task)
         self._declared = declared(task)
+        self._first = values_of(self._task)
         # The values of EPISODE_ATTRIBUTES at each row's start, and at the second start of a row.
         self._starts: list[dict[str, object]] = [{} for _ in range(num_rows)]
         self._measured = [measurements_of(each) for each in (self._rows.single, self._rows.physics)]
@@ -238,7 +239,7 @@ class _Trial:
             with Watch(task, one, self._declared) as watch:
                 task.initialize_episode(one)
                 self._check_memory(watch, "initialize_episode")
-            keep_own(task, self._declared)
+            keep_own(task, self._declared, self._first)
             self._check_global_stream("initialize_episode")
             self._check_model(one, values, "as an episode begins")
         if randomizer is not None:
@@ -263,7 +264,7 @@ class _Trial:
         if task is self._task:
             self._rows.step(running, n_sub_steps)
         else:
-            keep_own(task, self._declared)
+            keep_own(task, self._declared, self._first)
             physics.step(n_sub_steps)
         with self._hook("after_step", task, watch, steps):
             task.after_step(read)
@@ -346,7 +347,7 @@ class _Trial:
                 ending = task.get_termination(read)
             seen["get_termination"] = np.nan if ending is None else ending
         if not is_batch:
-            keep_own(task, self._declared)
+            keep_own(task, self._declared, self._first)
             _check_returned(self._name, seen)
         seen = measured | seen  # first, as the cause of differences in the others
         return {name: np.asarray(value) for name, value in seen.items()}

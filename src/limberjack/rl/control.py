@@ -434,7 +434,7 @@ class Environment(dm_env.Environment):
             self._first = {**self._first, name: copy.deepcopy(getattr(self._task, name))}
 
     def _keep_own(self) -> None:
-        keep_own(self._task, getattr(self._task, EPISODE_ATTRIBUTES, ()))
+        keep_own(self._task, getattr(self._task, EPISODE_ATTRIBUTES, ()), self._first or {})
 
     def _first_values(self) -> dict[str, object]:
         """Copies of the task's EPISODE_ATTRIBUTES from before the first episode."""

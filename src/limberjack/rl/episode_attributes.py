@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from limberjack.rl.batch_errors import NotVectorised
-from limberjack.rl.episode_values import NAME, declared
+from limberjack.rl.episode_values import NAME, declared, in_dtype
 from limberjack.rl.references import attributes_of
 from limberjack.rl.watch import QuickWatch
 from limberjack.utils.suggest import did_you_mean
@@ -207,12 +207,22 @@ class EpisodeAttributes:
         Raises:
           ValueError: a value has another form; nothing is set.
         """
+        self._set(self._loaded(rows, values))
+
+    def check(self, values: Sequence[Mapping[str, object]]) -> None:
+        """Raises the ValueError that `load` would raise for some rows' values."""
+        self._loaded(np.zeros(len(values), int), values)
+
+    def _loaded(
+        self, rows: np.ndarray, values: Sequence[Mapping[str, object]]
+    ) -> dict[str, np.ndarray]:
+        """The values of all rows, with others in some of them."""
         new = {name: np.array(getattr(self._task, name)) for name in self.names}
         for row, given in zip(rows.tolist(), values, strict=True):
             for name in self.names:
                 if name in given:
                     new[name][row] = self._of_one(name, given[name], "a snapshot")
-        self._set(new)
+        return new
 
     def keep_as_first(self, name: str) -> None:
         """Makes `begin_again` give rows the values that an attribute has now."""
@@ -239,8 +249,9 @@ class EpisodeAttributes:
         return value
 
     def _numbers(self, name: str, given: object, hook: str) -> np.ndarray:
-        """The value as an array of the declared dtype; a Python integer may stand for a float."""
-        form, value = self._forms[name], np.asarray(given)
+        """The value in the declared dtype if it fits; a Python integer may stand for a float."""
+        form = self._forms[name]
+        value = in_dtype(np.asarray(given), form.dtype)
         if type(given) is int and form.dtype.kind in "fiu":
             value = value.astype(form.dtype)
         if value.dtype != form.dtype:

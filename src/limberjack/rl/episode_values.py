@@ -4,16 +4,18 @@
         EPISODE_ATTRIBUTES = ("last_action",)
 
     values_of(task)                     # {"last_action": array([0., 0.])}
-    keep_own(task, ("last_action",))    # after a hook: not the caller's array, nor the simulation's
+    first = values_of(task)             # before its first episode: their dtypes stay
+    keep_own(task, ("last_action",), first)    # after a hook: not an array that others change
 
 In a batch each of them is an array with a leading axis of rows; see `rl.episode_attributes`.
 """
 
 import copy
+from collections.abc import Mapping
 
 import numpy as np
 
-__all__ = ["NAME", "declared", "keep_own", "values_of"]
+__all__ = ["NAME", "declared", "in_dtype", "keep_own", "values_of"]
 
 NAME = "EPISODE_ATTRIBUTES"
 
@@ -45,18 +47,29 @@ def values_of(task: object) -> dict[str, object]:
     return {name: copy.copy(getattr(task, name)) for name in names if hasattr(task, name)}
 
 
-def keep_own(task: object, names: object) -> None:
+def in_dtype(value: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """The value in a dtype of its kind that has room for it; as it is if that has none."""
+    fits = value.dtype.kind == dtype.kind and np.can_cast(value.dtype, dtype)
+    return value.astype(dtype, copy=False) if fits else value
+
+
+def keep_own(task: object, names: object, first: Mapping[str, object]) -> None:
     """Gives a task its own copies of declared arrays, which it may share with a caller or physics.
 
     A single environment calls it after hooks, so that what is remembered does not change later.
+    Numbers take the dtype of their first values, as in a batch: actions may have less precision.
 
     Args:
       task: the task.
       names: what it declares.
+      first: the values from before its first episode, as far as it had any.
     """
     if not isinstance(names, tuple | list):
         return
     for name in names:
         value = getattr(task, name, None)
-        if isinstance(value, np.ndarray):
-            setattr(task, name, np.array(value))
+        if isinstance(value, np.ndarray | np.generic):
+            own, before = np.array(value), first.get(name)
+            if isinstance(before, np.ndarray | np.generic | int | float):
+                own = in_dtype(own, np.asarray(before).dtype)
+            setattr(task, name, own if isinstance(value, np.ndarray) else own[()])

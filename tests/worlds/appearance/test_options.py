@@ -39,6 +39,12 @@ def test_noise_and_videos_move_unless_it_is_said_otherwise(
 ) -> None:
     options = Appearance.of({"background": background, "dynamic": dynamic})
     assert options.moving == moving
+    assert Appearance(background, dynamic=dynamic) == options
+    if dynamic is None:
+        assert Appearance.of({"background": background}) == options
+    assert set(Appearance.of(options.as_json()).moving) == {
+        part for part in moving if getattr(options, part) is not None
+    }
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -166,7 +166,7 @@ class Appearance:
         known = [field.name for field in dataclasses.fields(cls)]
         check_names("appearance has no option", options, ["preset", "intensity", *known])
         # The fields check their own values.
-        return dataclasses.replace(cls(), **cast(dict[str, float], options))
+        return cls(**cast(dict[str, float], options))
 
     def as_json(self) -> dict[str, object]:
         """The options that differ from the suite's, as values of JSON; equal for equal pictures."""
@@ -176,8 +176,9 @@ class Appearance:
                 values.pop(name)
         values["dynamic"] = [p for p in self.moving if getattr(self, p) is not None]
         if not values["dynamic"]:
-            values.pop("dynamic")
             values.pop("interval")
+            if not _dynamic(None, self.background):  # else it says that a background stands still
+                values.pop("dynamic")
         return {name: value for name, value in values.items() if value is not None}
 
     @property
