@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dm_env import specs
 
-from limberjack import suite
+from limberjack import data, suite
 from limberjack.data import Batch, Dataset, inform, load, replay
 from limberjack.episodes.parquet import Shard
 from limberjack.episodes.places import Place
+from limberjack.rl import control
+from limberjack.suite import pendulum
 
 from .collected import assert_equal, copy, folder_of, hashes, path_of
 
@@ -326,3 +329,27 @@ def test_the_card_of_a_policy_is_that_of_the_task_and_the_statistics(pendulums: 
 def test_a_card_for_an_environment_with_other_observations_is_refused(pendulums: Dataset) -> None:
     with pytest.raises(ValueError, match=r"no observation 'position'.*orientation, velocity"):
         pendulums.policy_card("cloning", suite.load("cartpole", "swingup"))
+
+
+class _Two(pendulum.SwingUp):
+    """Has two actions, whose bounds are one number each."""
+
+    def action_spec(self, physics: Any) -> specs.BoundedArray:
+        return specs.BoundedArray((2,), float, -1.0, 1.0)
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        super().before_step(action[..., :1], physics)
+
+
+def test_a_card_has_the_bounds_of_each_action_and_the_world(
+    pendulums: Dataset, tmp_path: Path
+) -> None:
+    physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+    environment = control.Environment(physics, _Two(random=0), control_timestep=0.02)
+    card = pendulums.policy_card("cloning", environment)
+    assert (card.low, card.high, card.world) == ((-1.0, -1.0), (1.0, 1.0), None)
+    world = {"faults": {"dummies": 2, "noise": {"observations": 0.1}}}
+    data.collect("pendulum", "swingup", "zero", range(2), out=tmp_path, time_limit=0.1, world=world)
+    card = load(tmp_path).policy_card("cloning")
+    assert [name for name, _ in card.layout][-2:] == ["dummy-0", "dummy-1"]
+    assert card.world == load(tmp_path).recipe.facts["world"]

@@ -13,7 +13,7 @@ import pytest
 
 from limberjack.episodes.episode import Kept
 from limberjack.episodes.parquet import Shard, columns_of, encode, episode_of, join
-from limberjack.episodes.recipe import GROUP_NBYTES
+from limberjack.episodes.recipe import GROUP_NBYTES, Column
 from tests.programs import run
 
 from .collected import ARM, EVERYTHING, PENDULUM, assert_equal, made
@@ -358,3 +358,26 @@ def test_forged_figures_are_refused(text: bytes, pendulum: Path, tmp_path: Path)
     pq.write_table(table.replace_schema_metadata(metadata), path, row_group_size=11)
     with pytest.raises(ValueError, match=r"forged.parquet is damaged .*its figures are damaged"):
         Shard(path).figures()
+
+
+@pytest.mark.parametrize("shape", [(0,), (2, 0)])
+def test_an_observation_without_numbers_is_kept(shape: tuple[int, ...], tmp_path: Path) -> None:
+    recipe, episodes = made(PENDULUM, range(3), Kept())
+    place = [column.name for column in recipe.columns].index("observation/velocity")
+    columns = list(recipe.columns)
+    columns.insert(place, Column("observation/nothing", "float64", shape))
+    recipe = dataclasses.replace(recipe, columns=tuple(columns))
+    changed = [
+        dataclasses.replace(
+            one,
+            observations={
+                "orientation": one.observations["orientation"],
+                "nothing": np.zeros((one.length + 1, *shape)),
+                "velocity": one.observations["velocity"],
+            },
+        )
+        for one in episodes
+    ]
+    shard = Shard(_written(tmp_path / "file.parquet", encode(recipe, changed)))
+    for one, other in zip(changed, shard.episodes(), strict=True):
+        assert_equal(one, other)

@@ -4,12 +4,15 @@ import dataclasses
 import json
 from typing import Any
 
+import dm_env
+import numpy as np
 import pytest
 
 from limberjack import suite
 from limberjack.episodes.episode import Kept
 from limberjack.episodes.recipe import Column, Recipe, recipe_of
-from limberjack.suite import ALL_TASKS
+from limberjack.rl import control
+from limberjack.suite import ALL_TASKS, pendulum
 
 from .collected import ARM, EVERYTHING, PENDULUM, made
 
@@ -156,3 +159,53 @@ def test_of_versions_only_the_one_that_differs_is_named() -> None:
 def test_a_columns_bytes_are_those_of_its_numbers() -> None:
     assert Column("observation/x", "float32", (2, 3)).nbytes == 24
     assert Column("start", "str").nbytes == 0
+
+
+class _Plain(dm_env.Environment):
+    """Passes on nothing but what dm_env asks for."""
+
+    def __init__(self, environment: dm_env.Environment) -> None:
+        self._environment = environment
+
+    def reset(self) -> dm_env.TimeStep:
+        return self._environment.reset()
+
+    def step(self, action: Any) -> dm_env.TimeStep:
+        return self._environment.step(action)
+
+    def action_spec(self) -> Any:
+        return self._environment.action_spec()
+
+    def observation_spec(self) -> Any:
+        return self._environment.observation_spec()
+
+
+class _OwnReward(pendulum.SwingUp):
+    """Says of no step whether it reached the goal, which its class has."""
+
+    def get_reward(self, physics: Any) -> Any:
+        return 1.0 * physics.pole_vertical()
+
+
+def test_only_episodes_that_say_so_have_a_column_of_success() -> None:
+    def has(environment: Any) -> bool:
+        columns = recipe_of(_RECIPE.facts, environment, Kept()).columns
+        return "success" in [column.name for column in columns]
+
+    environment = suite.load(*PENDULUM[:2])
+    assert has(environment)
+    assert not has(_Plain(environment))
+    physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+    assert not has(control.Environment(physics, _OwnReward(random=0), control_timestep=0.02))
+
+
+class _Signs(pendulum.SwingUp):
+    def get_observation(self, physics: Any) -> Any:
+        return {"sign": np.sign(physics.data.qvel).astype(np.int16)}
+
+
+def test_an_observation_of_a_dtype_that_is_not_kept_is_refused_before_anything_is_played() -> None:
+    physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+    environment = control.Environment(physics, _Signs(random=0), control_timestep=0.02)
+    with pytest.raises(ValueError, match=r"observation/sign has type int16.*expected one of bool"):
+        recipe_of(_RECIPE.facts, environment, Kept())

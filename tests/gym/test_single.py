@@ -353,3 +353,42 @@ def test_settings_that_are_changed_before_the_first_episode_stay() -> None:
     single.step([0.1])
     single.reseed(2)
     assert (task.calls, task.margin) == (0, 0.25)
+
+
+class _Counting(odd.Pole):
+    """Counts its steps, without declaring it, and fails at a large action."""
+
+    def __init__(self, random: Any = None) -> None:
+        super().__init__(random=random)
+        self.steps_seen = 0
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        self.steps_seen += 1
+        if action[0] > 0.9:
+            raise ZeroDivisionError("by a bug")
+        super().before_step(action, physics)
+
+
+def test_memory_of_a_failed_step_and_of_a_restored_episode_is_put_back() -> None:
+    single = Single(odd.environment(_Counting, 0))
+    task: Any = single.environment.task  # pyright: ignore[reportAttributeAccessIssue]
+    single.reset()
+    single.step([0.1])
+    with pytest.raises(ZeroDivisionError):
+        single.step([1.0])
+    assert task.steps_seen == 2
+    single.reseed(1)
+    assert task.steps_seen == 0
+    single.reset()
+    for _ in range(3):
+        single.step([0.1])
+    third = single.snapshot()
+    single.step([0.1])
+    single.restore(third)
+    assert task.steps_seen == 3
+    single.reseed(2)
+    assert task.steps_seen == 0
+    single.reset()
+    single.set_state({"qpos": np.zeros(1)})
+    single.reseed(3)
+    assert task.steps_seen == 0

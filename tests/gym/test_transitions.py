@@ -1,5 +1,6 @@
 """A batch in Gymnasium's terms: ends, final observations and info, mode by mode."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -7,10 +8,12 @@ import pytest
 from gymnasium import error
 from gymnasium.vector import AutoresetMode
 
-from limberjack import gym
+from limberjack import gym, suite
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batches import batch_of
+from limberjack.rl.many import ManyTasks
 from limberjack.rl.randomize import shift
+from limberjack.rl.rows import RowsEnvironment
 from limberjack.suite import humanoid
 
 from .gym_episodes import MODES, assert_same, falling, falling_env, falling_envs
@@ -209,4 +212,41 @@ def test_repeated_actions_are_those_of_env_in_every_mode(
                 of_row = {name: values[row] for name, values in observations.items()}
                 assert_same(of_row, singles[row].reset()[0])
     assert ends >= rows
+    envs.close()
+
+
+@pytest.mark.parametrize("kind", ["vectorised", "rows", "many"])
+def test_in_same_step_mode_too_the_info_says_which_rows_diverged(kind: str) -> None:
+    how: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    if kind == "many":
+        envs = gym.load_vector(["pendulum:swingup", "cartpole:balance"], rows=1, **how)
+    else:
+        batch = batch_of(
+            suite.load("pendulum", "swingup"), 2, 1, seed=0, vectorised=kind == "vectorised"
+        )
+        envs = gym.VectorEnv(batch, **how)
+    envs.reset(seed=0)
+    first: Any = envs.batches[0]
+    if isinstance(first, ManyTasks):
+        first = first.parts[0]
+    if isinstance(first, RowsEnvironment):
+        first.environments[0].physics.data.qvel[:] = 1e12
+    else:
+        first.physics.data.qvel[0] = 1e12
+    with warnings.catch_warnings(action="ignore"):  # MuJoCo's
+        *_, terminated, _, info = envs.step(np.zeros((2, 1)))
+    assert info["diverged"].tolist() == terminated.tolist() == [True, False]
+    envs.close()
+
+
+def test_values_drawn_for_some_tasks_are_masked_in_the_rows_of_others() -> None:
+    envs = gym.load_vector(["cartpole:swingup", "walker:walk"], rows=1, faults="easy")
+    _, info = envs.reset(seed=0)
+    drawn = info["randomization"]
+    names = [name for name in drawn if not name.startswith("_")]
+    assert names
+    for name in names:
+        has = [value is not None for value in drawn[name]]
+        assert drawn[f"_{name}"].tolist() == has
+        assert sum(has) == 1
     envs.close()

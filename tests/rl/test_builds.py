@@ -178,3 +178,15 @@ def test_whether_a_function_takes_a_seed_is_read_from_its_signature() -> None:
     assert takes_a_seed(lambda *arguments: None)
     assert not takes_a_seed(lambda: None)
     assert not takes_a_seed(lambda domain, task: None)
+
+
+def test_a_setting_that_the_task_changes_in_place_is_put_back_as_it_was_set() -> None:
+    seeded = Build.of(odd.KINDS["a last action"]).seeded(1)
+    given = [1]
+    seeded.set_attribute("mark", given)
+    environment: Any = seeded.environment
+    assert environment.mark is given
+    given.append(2)
+    seeded.begin(2)
+    environment = seeded.environment
+    assert environment.mark == [1]

@@ -430,3 +430,32 @@ def test_a_snapshot_stays_as_it_was() -> None:
     for one, kept in zip(saved.memory, before, strict=True):
         for name in Calls.EPISODE_ATTRIBUTES:
             np.testing.assert_array_equal(one["task"][name], kept["task"][name])
+
+
+def test_actions_of_less_precision_are_remembered_in_that_of_the_first_value() -> None:
+    """As Gymnasium's are; in single environments too, so that all numbers are equal."""
+    actions = np.random.default_rng(0).uniform(-1, 1, (10, 3, 1)).astype(np.float32)
+    found = []
+    for vectorised in (True, False):
+        batch = batch_of(odd.environment(Smooth, 0), 3, 1, seed=3, vectorised=vectorised)
+        batch.reset()
+        found.append([batch.step(action).reward for action in actions])
+    np.testing.assert_array_equal(*found)
+    for row in range(3):
+        single = odd.environment(Smooth, 3 + row)
+        single.reset()
+        rewards = [single.step(action[row]).reward or 0.0 for action in actions]
+        np.testing.assert_array_equal(rewards, np.array(found[0])[:, row])
+        assert single.task.last_action.dtype == np.float64
+
+
+def test_a_snapshot_with_memory_of_another_form_changes_nothing() -> None:
+    batch = _batch(Smooth, 2)
+    batch.reset()
+    batch.step(np.full((2, 1), 0.5))
+    before, snapshot = batch.snapshot(), batch.snapshot([0])
+    snapshot.memory[0]["task"]["last_action"] = np.zeros(2)
+    with pytest.raises(NotVectorised, match=r"a snapshot of task Smooth set self.last_action"):
+        batch.restore(snapshot, [1])
+    assert not batch.begins.any()
+    np.testing.assert_array_equal(batch.integration_states(), before.physics["state"])

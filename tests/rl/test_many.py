@@ -583,3 +583,10 @@ def test_threads_are_shared_between_tasks(num_threads: int, tasks: int, expected
     assert threads_of_one(num_threads, tasks) == expected
     with pytest.raises(ValueError, match="num_threads is 0"):
         threads_of_one(0, tasks)
+
+
+def test_a_part_of_a_snapshot_has_its_rows_in_order() -> None:
+    many = _many()
+    many.reset()
+    with pytest.raises(ValueError, match="expected them in their order"):
+        many.snapshot().part(np.array([3, 0]))

@@ -91,6 +91,7 @@ def test_pictures_drawn_at_every_second_step_are_those_of_repeated_actions(kind:
     if kind == "rows":
         env = RowsEnvironment(_single, 3, 1, seed=0)
     env.draw_every(2)
+    env = copy.deepcopy(env)
     actions = _actions(repeating, _STEPS // 2)
     for _ in range(2):  # episodes
         expected, time_step = repeating.reset(), env.reset()

@@ -450,3 +450,14 @@ def test_the_state_of_a_plain_environment_is_refused_by_a_subclass_in_words() ->
         batch_of(_halving(), 2, seed=0).restore(state)
     with pytest.raises(ValueError, match=expected):
         _halving().restore(state.part(0))
+
+
+def test_pictures_in_a_snapshot_are_ignored_where_none_are_observed_in_any_look() -> None:
+    pixels = {"pixels": {"height": 8, "width": 8}}
+    for look in ({}, {"appearance": "color_hard"}):
+        seeing = suite.load("pendulum", "swingup", {"random": 0}, {**pixels, **look})
+        blind = suite.load("pendulum", "swingup", {"random": 1}, look)
+        seeing.reset()
+        seeing.step([0.5])
+        blind.restore(seeing.snapshot())
+        np.testing.assert_array_equal(blind.physics.state(), seeing.physics.state())

@@ -542,3 +542,19 @@ def test_unseeded_halves_do_not_end_together() -> None:
 def test_single_environments_have_no_such_option() -> None:
     with pytest.raises(TypeError, match="stagger"):
         control.Environment(None, None, stagger=True)  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+
+@pytest.mark.parametrize("vectorised", [True, False])
+def test_after_a_snapshot_without_a_share_a_row_plays_whole_episodes(vectorised: bool) -> None:
+    env = suite.load("pendulum", "swingup", {"random": 0, "time_limit": 0.4})
+    env.reset()
+    env.step([0.0])
+    how: dict[str, Any] = {"stagger": True, "vectorised": vectorised}
+    batch = rl.batch_of(env, 2, 1, seed=5, **how)
+    batch.restore(env.snapshot(), [0])
+    ends = [
+        step
+        for step in range(1, 60)  # of 20 steps; another one begins the next episode
+        if batch.step(np.zeros((2, 1))).step_type[0] == _LAST
+    ]
+    assert ends == [19, 40]

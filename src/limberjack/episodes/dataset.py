@@ -29,6 +29,7 @@ import numpy as np
 
 from limberjack import suite
 from limberjack.episodes.column_statistics import Statistics, statistics_of
+from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.manifest import MANIFEST, File, sha256_of
 from limberjack.episodes.parquet import Shard
@@ -323,7 +324,7 @@ class Dataset:
         if environment is None:
             if "domain" not in facts:
                 raise ValueError("the dataset is of no task of the suite: pass its environment")
-            environment = suite.load(facts["domain"], facts["task"])
+            environment = suite.load(facts["domain"], facts["task"], None, facts.get("world"))
         layout, actions = layout_of(environment), spec_of(environment)
         observed = self.statistics().observations
         for name, _ in layout:
@@ -336,16 +337,21 @@ class Dataset:
             np.concatenate([np.ravel(getattr(observed[name], part)) for name, _ in layout])
             for part in ("mean", "std")
         )
+        low, high = (
+            tuple(np.broadcast_to(bound, actions.shape).ravel().tolist())
+            for bound in (actions.minimum, actions.maximum)
+        )
         return mlp.Card(
             layout,
-            tuple(np.ravel(actions.minimum).tolist()),
-            tuple(np.ravel(actions.maximum).tolist()),
+            low,
+            high,
             action_repeat=facts["action_repeat"],
             domain=facts.get("domain") or "",
             task=facts.get("task") or "",
             mean=tuple(mean.tolist()),
             scale=tuple((deviation + _LEAST_SCALE).tolist()),
             algorithm=algorithm,
+            world=inside(environment).world,
         )
 
     def part(self, k: int, n: int) -> "Dataset":

@@ -163,7 +163,7 @@ class _Playing:
         self._lengths = np.zeros(rows, int)
         self._totals = np.zeros(rows)
         most = min(batch.step_limit, most_steps)
-        capacity = int(min(most, _FEW_STEPS)) if most < math.inf else _FEW_STEPS
+        capacity = math.ceil(min(most, _FEW_STEPS)) if most < math.inf else _FEW_STEPS
         self._rewards = _Rows(rows, capacity)
         self._steps = None if kept is None else _Steps(batch, kept, capacity)
 

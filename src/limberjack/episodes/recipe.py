@@ -28,6 +28,7 @@ from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.pixels import PIXELS_KEY, Pixels
+from limberjack.rl.reward_terms import has_goal
 from limberjack.rl.row_step import as_mapping
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import SEEDS
@@ -359,7 +360,7 @@ def _columns(environment: dm_env.Environment, kept: Kept) -> tuple[Column, ...]:
     columns += _observed(environment, kept)
     columns.append(Column("action", "float64", tuple(spec_of(environment).shape)))
     columns += [Column(name, _BOTH[name]) for name in ("reward", "terminated", "truncated")]
-    if getattr(task, "GOAL", ()):
+    if has_goal(task) and hasattr(environment, "success"):  # not in all wrappers
         columns.append(Column("success", "bool"))
     columns.append(Column("diverged", "bool"))
     names = inner._saved_fields()
@@ -383,6 +384,12 @@ def _observed(environment: dm_env.Environment, kept: Kept) -> list[Column]:
         Column(OBSERVATION + name, kept.observed_type(dtype).name, shape)
         for name, (dtype, shape) in of_names.items()
     ]
+    for column in columns:
+        if column.dtype not in _DTYPES:
+            raise ValueError(
+                f"{column.name} has type {column.dtype}, which datasets do not keep; expected one "
+                f"of {', '.join(_DTYPES)}: let the task return it as one of these"
+            )
     if kept.pixels is None:
         return columns
     if PIXELS_KEY in spec:

@@ -99,8 +99,9 @@ def _of_a_snapshot(snapshot: Snapshot, batches: Sequence[Batch], rows: np.ndarra
     first = batches[0]
     own = first.snapshot([0])
     snapshot.check_all(own, num_envs)
-    if not own.frames:  # pictures that are ignored may have any form
-        snapshot = dataclasses.replace(snapshot, frames={})
+    # Pictures that are ignored may have any form.
+    used = {name: value for name, value in snapshot.frames.items() if name in own.frames}
+    snapshot = dataclasses.replace(snapshot, frames=used)
     taken = snapshot.part(rows)
     sizes = {} if own.copies else first.state_sizes()  # copies may be of classes without a state
     check_snapshot(taken, own, len(rows), sizes, first.step_limit, rows)

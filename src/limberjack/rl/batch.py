@@ -402,18 +402,23 @@ class BatchEnvironment(Batch):
         """State for an equal batch: for pickling, deep copies and spawned processes."""
         kept = {k: v for k, v in vars(self).items() if k not in ("_replicas", "_use", "_frames")}
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
-        return {**kept, "making": making, "pixels": self.pixels, "snapshot": self.snapshot()}
+        drawing = None if self._frames is None else (self._frames.pixels, self._frames.schedule)
+        return {**kept, "making": making, "drawing": drawing, "snapshot": self.snapshot()}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         snapshot, making = as_snapshot(state.pop("snapshot")), state.pop("making")
-        pixels = state.pop("pixels")
+        drawing = state.pop("drawing")
         assert isinstance(making, tuple)
-        assert isinstance(pixels, Pixels | None)
+        assert isinstance(drawing, tuple | None)
         single, num_envs, num_threads = making
         vars(self).update(state)
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
-        self._frames = Frames.of(pixels, self._replicas)
+        self._frames = None
+        if drawing is not None:
+            pixels, schedule = drawing
+            self._frames = Frames(pixels, self._replicas)
+            self._frames.schedule = schedule
         self._replicas.looks = self._looks
         diverged, has_observed = self.diverged.copy(), self._has_observed.copy()
         self.restore(snapshot)

@@ -247,7 +247,7 @@ class Seeded:
         task = getattr(inner, "_task", None)
         before = attributes_of(task)
         setattr(holder_of(self.environment, name), name, value)
-        self.attributes[name] = value
+        self.attributes[name] = copy.deepcopy(value)  # the task may change its own in place
         if isinstance(inner, Environment):
             inner.keep_as_first(name)
         if "task" in self._first:  # whose values a reset with a seed puts back

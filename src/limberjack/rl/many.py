@@ -39,6 +39,7 @@ from limberjack.rl.action_specs import as_numbers, not_finite
 from limberjack.rl.batch_contract import Batch, RowNumbers
 from limberjack.rl.copies import control_of
 from limberjack.rl.represented import Description
+from limberjack.rl.reward_terms import has_goal
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 from limberjack.rl.threads import RowThreads, interrupts
 from limberjack.utils.arrays import Quantity, any_of
@@ -115,7 +116,7 @@ class TaskOfMany:
             else math.inf,
             batch.control_timestep(),
             batch.action_repeat,
-            bool(getattr(_task_of(batch), "GOAL", ())),
+            has_goal(_task_of(batch)),
             instruction or f"{batch.name.replace(':', ' ').replace('_', ' ')}.",
         )
 
@@ -191,11 +192,20 @@ class ManySnapshot(Snapshot):
         )
 
     def part(self, rows: int | np.ndarray) -> Snapshot:
-        """See `Snapshot`; of rows of a single task it is the snapshot of that task."""
+        """See `Snapshot`; of rows of a single task it is the snapshot of that task.
+
+        Raises:
+          ValueError: the numbers are not in their order.
+        """
         numbers = np.atleast_1d(rows)
         bounds = np.cumsum([0, *map(len, self.parts)])
         if numbers.size and (numbers.min() < 0 or numbers.max() >= bounds[-1]):
             raise IndexError(f"rows are {rows!r}; expected numbers from 0 to {bounds[-1] - 1}")
+        if (np.diff(numbers) < 0).any():
+            raise ValueError(
+                f"rows are {rows!r}; expected them in their order, in which the rows of each task "
+                "stay together"
+            )
         chosen = [
             (part, numbers[(numbers >= first) & (numbers < first + len(part))] - first)
             for part, first in zip(self.parts, bounds[:-1].tolist(), strict=True)

@@ -141,6 +141,15 @@ class Frames:
         """Frames for a user's options; None for None. Raises like `Pixels.of` and `__init__`."""
         return None if pixels is None else cls(Pixels.of(pixels), physics)
 
+    @property
+    def schedule(self) -> tuple[int, np.ndarray]:
+        """The interval, and the steps since the last picture of each row, (n,)."""
+        return self.interval, self._since_picture.copy()
+
+    @schedule.setter
+    def schedule(self, schedule: tuple[int, np.ndarray]) -> None:
+        self.interval, self._since_picture = schedule
+
     def forget(self, rows: np.ndarray | slice = slice(None)) -> None:
         """Makes rows that begin an episode start a new stack with their next picture."""
         self._is_seen[rows] = False

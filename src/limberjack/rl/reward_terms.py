@@ -18,7 +18,7 @@ import numpy as np
 from limberjack.rl.contract import Physics, Task
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["reward_and_terms", "reward_of_terms", "success_of"]
+__all__ = ["has_goal", "reward_and_terms", "reward_of_terms", "success_of"]
 
 _Physics = TypeVar("_Physics", bound=Physics, contravariant=True)
 
@@ -70,6 +70,14 @@ def _reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str,
     has_terms: _HasTerms[Physics] = task  # pyright: ignore[reportAssignmentType] (as checked)
     terms = has_terms.reward_terms(physics)
     return has_terms.reward_of(terms), terms
+
+
+def has_goal(task: object) -> bool:
+    """Whether steps of a task say if they reached a goal: it has one, and terms."""
+    get_reward = getattr(task, "get_reward", None)
+    return bool(getattr(task, "GOAL", ())) and (
+        getattr(get_reward, "__func__", None) is reward_of_terms
+    )
 
 
 def success_of(task: Task, terms: Mapping[str, Quantity]) -> Quantity | None:

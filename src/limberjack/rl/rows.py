@@ -632,9 +632,9 @@ class RowsEnvironment(Batch):
             if name in self._observation and self._observation[name][row].shape == values.shape[1:]:
                 self._observation[name][row] = values[0]
         full = self._full_limits[row] if self._own_limit is None else self._own_limit
-        if part.limits is not None and self._stagger is not None:
-            limit, self._stagger.shares[row] = part.limits[0]
-            full = min(limit, full)
+        if self._stagger is not None:
+            limit, share = (full, 1.0) if part.limits is None else part.limits[0]
+            full, self._stagger.shares[row] = min(limit, full), share
         self._set_up(row)
         self._set_limit(row, full)
         self._steps[row] = part.step_count[0]

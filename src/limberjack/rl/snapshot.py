@@ -167,8 +167,9 @@ class Snapshot:
         if not self.copies:
             _check_form(self.physics, own.physics, size)
             _check_form(self.faults, own.faults, size)
-            if own.frames:  # pictures are ignored if the environment does not observe any
-                _check_form(self.frames, own.frames, size)
+            # Pictures are ignored if the environment does not observe any.
+            used = {name: value for name, value in self.frames.items() if name in own.frames}
+            _check_form(used, own.frames, size)
             for row, states in enumerate(self.streams):
                 _check_streams(row, states, len(own.streams[0]))
         running = self.step_count[~self.begins]

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from dm_env import specs
 
-from limberjack import gym, suite
+from limberjack import gym, rl, suite
+from limberjack.rl import control
 from limberjack.rl.batch_contract import Batch
+from limberjack.suite import pendulum
 from limberjack.worlds.faults import FaultMemory, Faults
 
 _SPEC = specs.BoundedArray((2,), float, -1.0, 1.0)
@@ -406,3 +408,56 @@ def test_rows_of_both_kinds_are_equal_in_each_autoreset_mode(mode: str) -> None:
         for left, right in zip(rest, others, strict=True):
             np.testing.assert_array_equal(left, right)
         ended = rest[1] | rest[2]
+
+
+def test_noise_leaves_integers_whole_and_flags_alone_unless_it_is_large() -> None:
+    given = {
+        "count": np.full(4, 5),
+        "flag": np.array([False, True]),
+        "level": np.array([0, 255], np.uint8),
+        "most": np.array([np.iinfo(np.int64).max, np.iinfo(np.int64).min]),
+    }
+    for scale, is_same in ((0.05, True), (3.0, False)):
+        memory = FaultMemory(Faults.of({"noise": {"observations": scale}}), _SPEC, given)
+        memory.begin(0, np.random.RandomState(0))
+        seen = memory.observe(given)
+        for name, values in given.items():
+            found = np.asarray(seen[name])
+            assert found.dtype == values.dtype
+            if name == "most":  # which float64 has to about 1,000
+                assert (np.sign(found) == np.sign(values)).all()
+            elif is_same:
+                np.testing.assert_array_equal(found, values)
+        assert is_same or (np.asarray(seen["count"]) != 5).any()
+
+
+def test_a_task_without_observations_can_have_faults() -> None:
+    memory = FaultMemory(Faults.of({"delay": {"actions": 1}, "dummies": 1}), _SPEC, {})
+    memory.begin(0, np.random.RandomState(0))
+    assert list(memory.observe({})) == ["dummy-0"]
+
+
+def test_whole_numbers_as_actions_stay_whole() -> None:
+    spec = specs.BoundedArray((1,), np.int64, 0, 4)
+    faults = Faults.of({"noise": {"actions": 0.4}, "delay": {"observations": 1}})
+    memory = FaultMemory(faults, spec, {"x": 0.0})
+    memory.begin(0, np.random.RandomState(0))
+    for _ in range(20):
+        action = memory.act(np.array([2]))
+        memory.accept()
+        assert action.dtype == np.int64
+        assert 0 <= action[0] <= 4
+
+
+class _Views(pendulum.SwingUp):
+    def get_observation(self, physics: Any) -> Any:
+        return {"qpos": physics.data.qpos[...]}
+
+
+def test_a_task_that_observes_views_of_its_simulation_can_be_copied_with_faults() -> None:
+    physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+    how: dict[str, Any] = {"control_timestep": 0.02, "faults": {"delay": {"observations": 1}}}
+    environment = control.Environment(physics, _Views(random=0), **how)
+    batch = rl.batch_of(environment, 2, 1, seed=0, vectorised=False)
+    first = batch.reset().observation["qpos"]
+    np.testing.assert_array_equal(batch.step(np.ones((2, 1))).observation["qpos"], first)

@@ -165,8 +165,8 @@ class Appearance:
         options = _with_preset(found)
         known = [field.name for field in dataclasses.fields(cls)]
         check_names("appearance has no option", options, ["preset", "intensity", *known])
-        # The fields check their own values.
-        return cls(**cast(dict[str, float], options))
+        # The fields check their own values; what moves by default depends on the background.
+        return dataclasses.replace(cls(), **cast(dict[str, float], {"dynamic": None, **options}))
 
     def as_json(self) -> dict[str, object]:
         """The options that differ from the suite's, as values of JSON; equal for equal pictures."""

@@ -18,6 +18,7 @@ belongs to its episode, of the step, and of the place; see `draws`.
 """
 
 import collections
+import copy
 import dataclasses
 import math
 from collections.abc import Mapping, MutableMapping
@@ -86,7 +87,9 @@ class FaultMemory:
             raise TypeError(f"faults need actions in one bounded array; the spec is {action_spec}")
         self.settings = settings
         self._perturber = perturber
-        self._spec, self._first = action_spec, observation
+        self._spec = action_spec
+        # Copies: they may be views of the simulation.
+        self._first = {name: copy.copy(value) for name, value in observation.items()}
         self._forms = {name: _form(name, value) for name, value in observation.items()}
         self._is_single = num_envs is None
         self._dummies = [f"dummy-{number}" for number in range(settings.dummies)]
@@ -218,7 +221,8 @@ class FaultMemory:
         if numbers.shape != shape and not is_one_each:
             return numbers
         flat = np.asarray(numbers, float).reshape(len(self.values["key"]), -1)
-        return self._acted(flat).reshape(numbers.shape)
+        acted = self._acted(flat).reshape(numbers.shape)
+        return _in_dtype(acted, self._spec.dtype) if self._spec.dtype.kind in "iub" else acted
 
     def _acted(self, given: np.ndarray) -> np.ndarray:
         values, settings, new = self.values, self.settings, self._pending
@@ -281,7 +285,7 @@ class FaultMemory:
         values, settings = self.values, self.settings
         count = len(values["key"])
         flat = [np.asarray(given[name], float).reshape(count, -1) for name in self._forms]
-        seen = np.concatenate(flat, axis=1)
+        seen = np.concatenate([np.zeros((count, 0)), *flat], axis=1)
         new: dict[str, np.ndarray] = {}
         if settings.noise.observations:
             seen = seen + settings.noise.observations * self._normal(_NOISE, seen.shape[1])
@@ -305,7 +309,7 @@ class FaultMemory:
         start = 0
         for name, form in self._all_forms().items():
             stop = start + form.size
-            part = shown[:, start:stop].astype(form.dtype).reshape(count, *form.shape)
+            part = _in_dtype(shown[:, start:stop], form.dtype).reshape(count, *form.shape)
             if self._is_single:
                 part = part[0] if form.is_array else part[0][()]
             found.append((name, part))
@@ -364,6 +368,17 @@ def _form(name: str, value: object) -> _Form:
     if array.dtype.kind not in "fiub":
         raise TypeError(f"faults need observations of numbers; {name!r} is {value!r}")
     return _Form(array.shape, array.dtype, isinstance(value, np.ndarray))
+
+
+def _in_dtype(numbers: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Numbers in a dtype: the nearest integers that it has, or whether they are over a half."""
+    if dtype.kind == "b":
+        return numbers > 0.5
+    if dtype.kind in "iu":
+        limits = np.iinfo(dtype)
+        most = np.nextafter(float(limits.max) + 1.0, 0.0)  # which is cut to the largest integer
+        numbers = np.clip(np.rint(numbers), limits.min, most)
+    return numbers.astype(dtype)
 
 
 def _pushed(queue: np.ndarray, new: np.ndarray, are_filled: np.ndarray) -> np.ndarray:
