@@ -230,7 +230,8 @@ def test_in_same_step_mode_too_the_info_says_which_rows_diverged(kind: str) -> N
     if isinstance(first, ManyTasks):
         first = first.parts[0]
     if isinstance(first, RowsEnvironment):
-        first.environments[0].physics.data.qvel[:] = 1e12
+        of_row: Any = first.environments[0]
+        of_row.physics.data.qvel[:] = 1e12
     else:
         first.physics.data.qvel[0] = 1e12
     with warnings.catch_warnings(action="ignore"):  # MuJoCo's
