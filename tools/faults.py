@@ -13,6 +13,7 @@ TESTS = {"suite": ["tests/suite", "tests/oracle/test_domains.py", "tests/oracle/
 
 FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/episode_attributes.py": [
+        ("value = in_dtype(np.asarray(given), form.dtype)", "value = np.asarray(given)"),
         ("            new[~rows] = before[~rows]\n", "            new[rows] = before[rows]\n"),
         ("self._forms[n].single(values[row])", "self._forms[n].single(values[0])"),
         ("            return np.array(value)\n", "            return value\n"),
@@ -88,10 +89,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (" or self._look is not None\n", "\n"),
     ],
     "rl/episode_values.py": [
-        (
-            "            setattr(task, name, np.array(value))\n",
-            "            setattr(task, name, value)\n",
-        ),
+        ("own = in_dtype(own, np.asarray(before).dtype)", "pass"),
+        ("own, before = np.array(value), first", "own, before = np.asarray(value), first"),
         ("    if not isinstance(names, tuple | list):  # such", "    if not names:  # such"),
     ],
     "worlds/faults/draws.py": [
@@ -110,6 +109,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('{"world": None, **found}[name] for name in identity', "found[name] for name in found"),
     ],
     "worlds/faults/memory.py": [
+        ("        numbers = np.clip(np.rint(numbers), limits.min, most)\n", ""),
+        ("return numbers > 0.5", "return numbers != 0.0"),
+        ("{name: copy.copy(value) for name, value in observation.items()}", "observation"),
+        ('if self._spec.dtype.kind in "iub" else acted', "if False else acted"),
         ("np.where(fields[name] == perturbed[name], value, fields[name])", "value"),
         ("                self.values[name][rows] = values[rows]", "                pass"),
         ("        self._keep(self._pending, rows)\n", "        self._keep(self._pending, None)\n"),
@@ -148,6 +151,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("_BYTES_OF_STATE = (624 + 1) * 4", "_BYTES_OF_STATE = 4"),
     ],
     "rl/many.py": [
+        ("if (np.diff(numbers) < 0).any():", "if False:"),
         ("fifth = self.episode_length / 5", "fifth = self.episode_length / 6"),
         (
             "self.observation_mask, self.action_mask = (",
@@ -186,6 +190,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return self._begins.copy()", "return self._begins"),
     ],
     "rl/batch.py": [
+        ("        self._memory.check(memory)\n", ""),
+        ("            self._frames.schedule = schedule\n", ""),
         ("task._random = self._streams.own[row]", "task._random = self._streams.own[0]"),
         ("self._randomizer.draw(self._streams.beside[row])", "self._randomizer.draw(task._random)"),
         (
@@ -272,6 +278,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "rl/rows.py": [
         (
+            "(full, 1.0) if part.limits is None",
+            "(full, self._stagger.shares[row]) if part.limits is None",
+        ),
+        (
             "                if env.is_running and not begins[row]\n",
             "                if not begins[row]\n",
         ),
@@ -287,6 +297,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "rl/builds.py": [
+        ("self.attributes[name] = copy.deepcopy(value)", "self.attributes[name] = value"),
         ("            put_back(self._first, plain.task, plain.physics)\n", ""),
         (" and (keeps_model or numbers_of(plain) == self._numbers):", ":"),
         ("setattr(holder_of(made, name), name, copy.deepcopy(value))", "pass"),
@@ -384,6 +395,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "rl/snapshot.py": [
+        ("if name in own.frames}", "if own.frames}"),
         ("if len(self) != size:", "if len(self) < size:"),
         ("elif found != expected and not", "elif type(found) is not type(expected) and not"),
     ],
@@ -393,6 +405,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return ~finite if", "return finite if"),
     ],
     "gym/transitions.py": [
+        ('info |= {"diverged": diverged,', 'info |= {"diverged": batch.diverged.copy(),'),
+        ("begun & [value is not None for value in of_rows]", "begun.copy()"),
         ("time_step.reward, last & ~truncated, truncated", "time_step.reward, last, truncated"),
         ("info = self._terms(~first) | self._drawn(first)", "info = self._terms(~first)"),
         ("self._terms(~first) |", "self._terms(first) |"),
@@ -401,7 +415,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("rows = rows & ~batch.diverged", "rows = rows.copy()"),
         ("(waiting + self.batch.first_row)", "waiting"),
         ("[seeds[row] for row in np.flatnonzero(begun).tolist()]", "seeds[: begun.sum()]"),
-        ('{"diverged": batch.diverged.copy(), "_div', '{"diverged": last, "_div'),
+        ('{"diverged": diverged, "_div', '{"diverged": last, "_div'),
     ],
     "gym/vector.py": [
         ("half, future = self._sent[0]", "half, future = self._sent[-1]"),
@@ -490,6 +504,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        figures.include(of_file)", "        figures = of_file"),
     ],
     "episodes/dataset.py": [
+        ("            world=inside(environment).world,\n", ""),
+        ("np.broadcast_to(bound, actions.shape)", "np.asarray(bound)"),
         ("tuple((deviation + _LEAST_SCALE).tolist())", "tuple(deviation.tolist())"),
         (
             "first, end = k * episodes // n, (k + 1) * episodes // n",
@@ -540,6 +556,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if found and one.start <= found[-1].stop:", "if found and one.start < found[-1].stop:"),
     ],
     "episodes/parquet.py": [
+        ("or column.size == 0  # pyarrow", "# pyarrow"),
+        ("if column.is_of_step else None", "if True else None"),
         ("    return steps == episode.length\n", "    return steps == episode.length - 1\n"),
         ("return steps * control_timestep", "return (steps + 1) * control_timestep"),
         ("range(following, min(part.seeds.stop, seeds.stop))", "range(following, part.seeds.stop)"),
@@ -552,6 +570,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('np.packbits(numbers, bitorder="little")', "np.packbits(numbers)"),
     ],
     "episodes/reading.py": [
+        ("self._summed.take(steps)", "self._rewards.take(steps)"),
         ("steps[:, :-1] >= 0) & (steps[:, :-1] < lengths)", "steps[:, :-1] < lengths)"),
         ("                found[~mask] = 0\n", "                pass\n"),
         ("rows = inside + (begins + episodes[:, None])", "rows = inside + begins"),
@@ -795,6 +814,20 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    if len(UnknownFieldSet(message)):\n", "    if False:\n"),
         ('graph.add("Min", graph.add("Max", x, least), most', 'graph.add("Max", x, least'),
     ],
+    "gym/single.py": [
+        (
+            "            finally:\n                self._look()\n",
+            "            finally:\n                pass\n",
+        ),
+        (
+            "        plain.restore(snapshot)\n        self._row.set_up()\n        self._look()\n",
+            "        plain.restore(snapshot)\n        self._row.set_up()\n",
+        ),
+    ],
+    "worlds/appearance/options.py": [
+        ('{"dynamic": None, **options}', "options"),
+        ("if not _dynamic(None, self.background):", "if True:"),
+    ],
     "training/settings.py": [
         ("_is_count(value, MOST_ROWS)", "_is_count(value)"),
         ("return above < value < below", "return above <= value <= below"),
@@ -834,6 +867,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if recorded.diverged and recipe.format == 1:", "if False:"),
     ],
     "episodes/recipe.py": [
+        ('if has_goal(task) and hasattr(environment, "success"):', "if has_goal(task):"),
+        ("        if column.dtype not in _DTYPES:\n", "        if False:\n"),
         ("return max(1, min(int(self.file_mb", "return max(0, min(int(self.file_mb"),
         ("        if facts.get(name) != value:\n", "        if False:\n"),
         ("(recipe.step_limit - 0.5)", "recipe.step_limit"),
