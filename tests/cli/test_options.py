@@ -552,3 +552,54 @@ def test_an_appearance_is_part_of_the_identity_of_results_and_of_the_recipe_of_a
     (folder / "one.png").write_bytes(png.encode(np.full((4, 4, 3), 8, np.uint8)))
     with pytest.raises(ValueError, match="has other files than those"):
         data.replay(dataset, num_threads=1)
+
+
+def test_a_function_that_makes_other_models_for_other_seeds_is_viewed_from_its_seed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip(
+        "limberjack.viewer.studio", reason="MuJoCo Studio does not load here", exc_type=ImportError
+    )
+    from limberjack import viewer
+
+    (tmp_path / "by_seed.py").write_text(_BY_SEED)
+    monkeypatch.chdir(tmp_path)
+    shown: list[Any] = []
+
+    def show(session: Any) -> None:
+        shown.append((float(session.model.body_mass[1]), session.status().seed))
+
+    monkeypatch.setattr(viewer, "in_window", lambda: show)
+    result = invoke("view", "--env", "by_seed:make", "--native", "--seed", "3")
+    assert result.exit_code == 0, result.output
+    assert shown == [(4.0, None)]
+    assert "makes another environment for each seed" in result.stderr
+
+
+_BY_SEED = """
+from limberjack.rl import control
+from limberjack.suite import pendulum
+
+def make(seed):
+    physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+    physics.model.body_mass[1] = 1.0 + seed
+    return control.Environment(physics, pendulum.SwingUp(random=seed), time_limit=0.2)
+
+def of_no_seed():
+    return make(0)
+"""
+
+
+def test_a_function_of_no_seed_and_an_endless_nesting_are_refused_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "without_seed.py").write_text(_BY_SEED)
+    monkeypatch.chdir(tmp_path)
+    result = invoke("evaluate", "--env", "without_seed:of_no_seed", "--policy", "zero")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "without_seed:of_no_seed takes no seed; expected a function make(seed)" in result.stderr
+    nested = '{"a": ' + "[" * 100_000
+    with pytest.raises(ValueError, match="is no mapping"):
+        world_named(faults=nested)
+    repeat = ["--action-repeat", str(10**20)]
+    assert invoke("evaluate", "pendulum", "swingup", "--policy", "zero", *repeat).exit_code == 2

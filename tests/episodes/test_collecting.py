@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack.data import Kept, collect, collect_set, load
@@ -674,3 +675,22 @@ def test_a_set_is_collected_in_a_world(tmp_path: Path) -> None:
     collect_set(["pendulum:swingup"], "random", range(2), world=world, **how)
     recorded: Any = load(tmp_path / "pendulum-swingup").recipe.facts["world"]
     assert recorded["faults"]["dummies"] == 2
+
+
+def test_datasets_of_a_set_stay_in_their_folder_if_a_policy_changes_to_another(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+
+    def leave(observation: Any) -> np.ndarray:
+        os.chdir(tmp_path / "elsewhere")
+        return np.zeros(1)
+
+    tasks = ["cartpole:balance", "pendulum:swingup"]
+    folders = collect_set(tasks, leave, range(1), out="set", time_limit=0.1, num_threads=1)
+    assert sorted(path.name for path in (tmp_path / "set").iterdir()) == [
+        "cartpole-balance",
+        "pendulum-swingup",
+    ]
+    assert [len(load(str(folder))) for folder in folders.values()] == [1, 1]

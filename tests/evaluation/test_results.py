@@ -32,3 +32,8 @@ def test_result_json_has_one_line_for_each_episode(tmp_path: Path) -> None:
     text = results._text(content)
     assert json.loads(text) == json.loads(json.dumps(content))
     assert sum('"seed"' in line for line in text.splitlines()) == 3
+
+
+def test_kinds_of_starts_may_have_any_names(tmp_path: Path) -> None:
+    content = {**_evaluation("one").as_json(), "note": "line-0"}
+    assert json.loads(results._text(content)) == json.loads(json.dumps(content))

@@ -108,6 +108,7 @@ def test_names_pairs_and_sets_are_tasks() -> None:
         ([], ValueError, "the list of tasks is empty"),
         (7, TypeError, "tasks are 7; expected"),
         (["walker"], ValueError, "a task is 'walker'; expected a name such as 'walker:walk'"),
+        ("walker:walk,fish:swim,walker:walk", ValueError, "has walker:walk twice"),
         (["walker:walk:fast"], ValueError, "a task is 'walker:walk:fast'"),
         ([("walker", 3)], ValueError, r"a task is \('walker', 3\)"),
     ],

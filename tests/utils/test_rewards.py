@@ -176,9 +176,9 @@ def test_bounds_from_a_model_are_as_good_as_python_numbers(x: float, margin: flo
             value = rewards.tolerance(given, bounds, np.float64(margin))
             assert type(value) is float
             np.testing.assert_equal(value, expected)  # NaN equals NaN
-    # An array of no dimensions is still an array.
-    assert np.shape(rewards.tolerance(x, (0.0, np.array(1.0)), margin)) == ()
-    assert isinstance(rewards.tolerance(x, (0.0, np.array(1.0)), margin), np.ndarray)
+    value = rewards.tolerance(x, (0.0, np.array(1.0)), margin)
+    assert type(value) is float
+    np.testing.assert_equal(value, expected)
 
 
 @pytest.mark.parametrize("margin", [0.0, 1.0])
@@ -446,3 +446,15 @@ def test_bad_arguments_are_refused_as_by_dm_control(
     modules = (rewards, dm_controls)
     calls = [functools.partial(module.tolerance, x, **kwargs) for module in modules]
     assert_same_outcome(calls, f"tolerance({x!r}, {kwargs})")
+
+
+@pytest.mark.oracle
+@_every_sigmoid
+def test_bounds_and_margins_of_less_precision_give_dm_controls(
+    dm_controls: Any, sigmoid: str
+) -> None:
+    kinds = [float, np.float16, np.float32, np.float64, np.array]
+    numbers = [0.5, -0.3, 0.1, 2, np.float64(0.7), np.float32(0.7), np.array([0.1, 0.9])]
+    for x, lower, upper, margin in itertools.product(numbers, kinds, kinds, kinds):
+        how = {"bounds": (lower(0.0), upper(0.2)), "margin": margin(0.3), "sigmoid": sigmoid}
+        _assert_same_tolerance(dm_controls, x, **how)

@@ -54,7 +54,8 @@ class _ImGui:
         self._drawn(f"{label} {value:g} {limits}")
         return label in self.answers, self.answers.pop(label, value)
 
-    def InputInt(self, label: str, value: int) -> tuple[bool, int]:
+    def InputDouble(self, label: str, value: float, *how: object) -> tuple[bool, float]:
+        assert how == (1.0, 100.0, "%.0f")
         return label in self.answers, self.answers.pop(label, value)
 
     def InputText(self, label: str, text: str, flags: int) -> None:
@@ -147,6 +148,10 @@ def test_a_speed_and_a_seed_are_chosen(arm: _Shown) -> None:
     arm.draw(Reset=True)
     arm.draw(**{"Begin seed": True})  # the field follows the episodes
     assert arm.session.status().seed == 42
+    arm.draw(**{"##seed": 2.0**32 - 1, "Begin seed": True})  # the last one there is
+    assert arm.session.status().seed == 2**32 - 1
+    arm.draw(**{"##seed": -3.0, "Begin seed": True})
+    assert arm.session.status().seed == 0
 
 
 def test_a_quality_is_chosen(arm: _Shown) -> None:

@@ -454,3 +454,14 @@ def test_the_policies_on_offer_are_those_named_and_the_built_in_ones_that_fit() 
     assert list(found) == ["random", "none", "zero", "planner"]  # no bundled policy
     with pytest.raises(policies.PolicyError, match="pretrained"):
         viewer.offered(environment, ["pretrained"])
+
+
+def test_an_action_that_is_repeated_takes_its_time(clock: Clock) -> None:
+    environment = _load()
+    environment.action_repeat = 4
+    session = Session(environment, clock=clock)
+    assert not _advance(session, clock, 3 * _INTERVAL)
+    assert _advance(session, clock, _INTERVAL)
+    status = session.status()
+    assert (status.step, status.step_limit, status.time) == (1, 3, 4 * _INTERVAL)
+    assert session.data.time == pytest.approx(4 * _INTERVAL)

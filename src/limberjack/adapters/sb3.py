@@ -367,6 +367,11 @@ class SavedPolicy:
         """
         self.files = files
         self._model = SavedModel(files)
+        if hasattr(self._model.policy, "lstm_actor"):
+            raise ValueError(
+                f"{next(iter(files))} is recurrent: it needs a memory of the steps before, which "
+                "policies here do not have"
+            )
         space = self._model.data["observation_space"]
         is_dict = hasattr(space, "spaces")
         dtype = np.float32 if is_dict else space.dtype

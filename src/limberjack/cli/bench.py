@@ -65,7 +65,9 @@ def _bench(
     with learning, beside EnvPool where it is installed. One action is one step in all of them.
     """
     if device is not None:
-        _bench_on_device(*named_task(domain, task), num_envs, device, seconds)
+        with misuse_reported():
+            where = named_task(domain, task)
+        _bench_on_device(*where, num_envs, device, seconds)
         return
     with misuse_reported(), show_parts() as show:
         from limberjack import bench

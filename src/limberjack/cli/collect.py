@@ -153,7 +153,7 @@ def _collect(
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, world = shard_named(shard, out), world_named(env, faults, appearance)
         pictures = _pictures(pixels, camera)
-    search_working_directory(policy)
+    _search(policy, task_set)
     _check_extras(format, out)
     with (
         remarks_reported(),
@@ -211,6 +211,19 @@ def _pictures(size: int | None, camera: str | None) -> "Pixels | None":
     return None
 
 
+def _search(policy: str, task_set: str | None) -> None:
+    """Looks for the policy of each task in the working directory, too, and warns of pickles."""
+    if task_set is None:
+        search_working_directory(policy)
+        return
+    from limberjack.policies import policy_for
+    from limberjack.registry.sets import tasks_of
+
+    with misuse_reported():
+        names = [str(policy_for(policy, *task)) for task in tasks_of(task_set)]
+    search_working_directory(policy, names)
+
+
 def _count(task_set: str | None, seeds: Sequence[int], part: tuple[int, int] | None) -> int:
     """The number of episodes of all tasks."""
     from limberjack.registry.sets import tasks_of
@@ -231,14 +244,16 @@ def _play(
 ) -> list[str]:
     """Collects the dataset of a task, or of each task of a set; returns their folders."""
     from limberjack import data
+    from limberjack.episodes.places import absolute
 
     kwargs |= {"kept": data.Kept(*keep), "command": command_line()}
     kwargs |= {"on_progress": progress.show, "on_state": progress.show_state}
     if task_set is not None:
         return [*map(str, data.collect_set(task_set, policy, seeds, **kwargs).values())]
     assert where is not None
+    folder = str(absolute(kwargs["out"]))
     data.collect(*where, policy, seeds, **kwargs)
-    return [kwargs["out"]]
+    return [folder]
 
 
 def _check_alone(domain: str | None, env: str | None) -> None:

@@ -123,11 +123,13 @@ Threads = Annotated[
 TimeLimit = Annotated[
     float | None, typer.Option(metavar="X", help="Seconds per episode; the task's own by default.")
 ]
+_MOST_REPEATS = 1_000_000  # more than any episode has control steps
 ActionRepeat = Annotated[
     int | None,
     typer.Option(
         metavar="N",
         min=1,
+        max=_MOST_REPEATS,
         help="Control steps per action; the environment's own by default, mostly 1. Returns and "
         "lengths still count control steps.",
     ),
@@ -241,7 +243,7 @@ def _name_or_mapping(option: str, text: str) -> str | dict[str, object]:
         return text
     try:
         content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{option} {path} is no mapping: {error}") from None
     if not isinstance(content, dict):
         raise ValueError(f"{option} {path} is {content!r}; expected a mapping")
@@ -320,11 +322,14 @@ def named_environment(
 def function_named(env: str) -> "Make":
     """The function of --env; raises ValueError if there is none of that name."""
     from limberjack.policies.named import found_named
+    from limberjack.rl.builds import takes_a_seed
 
     append_working_directory()
     make = found_named("--env", env)
     if not callable(make):
         raise ValueError(f"--env {env} is a {type(make).__name__}; expected a function make(seed)")
+    if not takes_a_seed(make):
+        raise ValueError(f"--env {env} takes no seed; expected a function make(seed)")
     return cast("Make", make)
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from limberjack.viewer import Plans
     from limberjack.viewer.panel import Worded
     from limberjack.viewer.session import Begin, Session, Status
+    from limberjack.workers.factories import Factory
 
     Show = Callable[[Session], None]
 
@@ -45,6 +46,10 @@ __all__: list[str] = []
 _OF_APPEARANCE = (
     "of the appearance, the viewer shows colours, background and the model's cameras as at the "
     "start of each episode; select a camera with [ and ], since the viewer's own has no look"
+)
+_OTHER_SEEDS = (
+    "the function makes another environment for each seed: the first episode is that of the seed, "
+    "and the next ones continue its random stream; start again for another seed"
 )
 
 
@@ -128,8 +133,18 @@ def _view(
             for name in names:
                 search_working_directory(name)
             begins = offered(environment, names, plans if explain else None)
+        first = seed if env is None or _begins_seeds(factory, environment, seed) else None
+        if first is None:
+            complain(_OTHER_SEEDS)
     with contextlib.closing(environment):
-        raise typer.Exit(_show(environment, begins, seed, speed, quality, show, plans))
+        raise typer.Exit(_show(environment, begins, first, speed, quality, show, plans))
+
+
+def _begins_seeds(factory: "Factory", environment: "dm_env.Environment", seed: int) -> bool:
+    """Whether an environment begins the episodes of other seeds as one that is made for them."""
+    from limberjack.rl.builds import is_stable
+
+    return is_stable(factory.build(environment), seed)
 
 
 def _find_viewer(
@@ -203,7 +218,7 @@ def _command_line(
 def _show(
     environment: "Environment",
     begins: "Mapping[str, Begin]",
-    seed: int,
+    seed: int | None,
     speed: float,
     quality: str,
     show: "Show",

@@ -29,7 +29,7 @@ from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.folder import Folder, blocks, discard_other
 from limberjack.episodes.illustrating import illustrate
 from limberjack.episodes.parquet import PYARROW, encode
-from limberjack.episodes.places import Place, place_of
+from limberjack.episodes.places import Place, absolute
 from limberjack.episodes.player import OnEnded, Player
 from limberjack.episodes.playing import OnStep, Step
 from limberjack.episodes.recipe import FILE_MB, Recipe, recipe_of
@@ -120,9 +120,7 @@ def collect(
         is_kept=True,
         world=world,
     )
-    directory = place_of(str(out))
-    if isinstance(directory, Path):
-        directory = directory.absolute()  # a policy may change folders
+    directory = absolute(str(out))
     make = domain if callable(domain) else None
     with contextlib.closing(player):
         collect_with(
@@ -163,7 +161,7 @@ def collect_set(
         played.
       Exception: any that `collect` raises; the datasets of tasks before are complete.
     """
-    pairs, wanted = tasks_of(tasks), checked_seeds(seeds)
+    pairs, wanted, place = tasks_of(tasks), checked_seeds(seeds), absolute(str(out))
     of_environment = kwargs.get("world")
     chosen = {pair: policies.policy_for(policy, *pair) for pair in pairs}
     for (domain, task), of_task in chosen.items():
@@ -179,7 +177,7 @@ def collect_set(
             if on_progress is not None:
                 on_progress(what, before + finished, part)
 
-        folder = place_of(str(out)) / f"{domain}-{task}"
+        folder = place / f"{domain}-{task}"
         collect(domain, task, of_task, wanted, out=str(folder), on_progress=show, **kwargs)
         folders[domain, task] = folder
     return folders

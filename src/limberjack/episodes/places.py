@@ -71,6 +71,12 @@ def place_of(name: "Path | Remote | str") -> Place:
     return Remote(name)
 
 
+def absolute(name: "Path | Remote | str") -> Place:
+    """The place with a name, from any working directory: a policy may change it."""
+    place = place_of(name)
+    return place.absolute() if isinstance(place, Path) else place
+
+
 def exists(place: Place) -> bool:
     """Whether anything is there, a broken link too.
 

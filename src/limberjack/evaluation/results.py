@@ -7,6 +7,7 @@ write(evaluation, Path("scores"), command="")
 import dataclasses
 import json
 import re
+import uuid
 from pathlib import Path
 from typing import cast
 
@@ -18,8 +19,6 @@ from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.files import replacing
 
 __all__ = ["Evaluation", "write"]
-
-_PLACEHOLDER = "line-"  # followed by a number, it stands for a line of result.json
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,10 +127,11 @@ def _processors(scores: list[Score]) -> dict[str, object]:
 def _text(content: report.EvaluationResult) -> str:
     """JSON with one line per episode, so that a file of a thousand episodes stays readable."""
     lines: list[str] = []
+    mark = f"line-{uuid.uuid4().hex}-"  # followed by a number, it stands for a line
 
     def on_one_line(value: object) -> str:
         lines.append(json.dumps(value, allow_nan=False))
-        return f"{_PLACEHOLDER}{len(lines) - 1}"
+        return f"{mark}{len(lines) - 1}"
 
     episodes = [on_one_line(episode) for episode in content["episodes"]]
     floors = {
@@ -140,4 +140,4 @@ def _text(content: report.EvaluationResult) -> str:
     }
     shown = {**content, "episodes": episodes, "floors": floors}
     text = json.dumps(shown, indent=2, allow_nan=False)
-    return re.sub(f'"{_PLACEHOLDER}(\\d+)"', lambda found: lines[int(found[1])], text) + "\n"
+    return re.sub(f'"{mark}(\\d+)"', lambda found: lines[int(found[1])], text) + "\n"

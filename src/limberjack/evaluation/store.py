@@ -32,6 +32,7 @@ from typing import Any, BinaryIO, TypeGuard
 
 from limberjack.episodes.manifest import MANIFEST
 from limberjack.episodes.statistics import Score
+from limberjack.policies import PolicyError
 from limberjack.utils.files import Hold, appending, flush_folder, read_regular
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.identity import advice_on, first_mismatch, processor
@@ -202,7 +203,7 @@ class Store:
             self.versions.append(versions)
         for score in scores:
             if not math.isfinite(score.total):
-                raise ValueError(
+                raise PolicyError(
                     f"policy {policy!r}: the return of the episode with seed {score.seed} is "
                     f"{score.total}; expected a task whose rewards are finite numbers"
                 )

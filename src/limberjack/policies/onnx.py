@@ -103,7 +103,7 @@ class OnnxPolicy:
                 f"observation has shape {x.shape}; expected (..., {self.card.num_observations})"
             )
         found = self._run(x.reshape(-1, x.shape[-1]))
-        return np.clip(found, self._least, self._most).reshape(*x.shape[:-1], -1)
+        return np.clip(found, self._least, self._most).reshape(*x.shape[:-1], len(self.card.low))
 
     def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
         """The actions, (N, actions), at observations of (N, ...) by name.

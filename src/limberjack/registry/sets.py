@@ -194,6 +194,9 @@ def find(tasks: Tasks) -> TaskSet:
     if not isinstance(tasks, Iterable):
         raise TypeError(f"tasks are {tasks!r}; expected a list such as ['walker:walk']")
     pairs = tuple(map(_pair, tasks))
+    twice = [":".join(pair) for pair in dict.fromkeys(pairs) if pairs.count(pair) > 1]
+    if twice:
+        raise ValueError(f"the list of tasks has {', '.join(twice)} twice; expected each task once")
     if not pairs:
         raise ValueError("the list of tasks is empty; expected names such as 'walker:walk'")
     return TaskSet(",".join(map(":".join, pairs)), pairs, "a list")

@@ -96,7 +96,11 @@ def tolerance(
     if (lower > upper) is not False or (margin < 0) is not False:
         _check_order(lower, upper, margin)
         if not _are_numbers(lower, upper, margin):
-            return _of_arrays(x, lower, upper, margin, *_sigmoid(sigmoid, value_at_margin))
+            found = _of_arrays(x, lower, upper, margin, *_sigmoid(sigmoid, value_at_margin))
+            return float(found) if isinstance(x, _NUMBERS) and np.ndim(found) == 0 else found
+        if margin != 0 and isinstance(x, _NUMBERS) and _are_short(lower, upper, margin):
+            curve, scale = _sigmoid(sigmoid, value_at_margin)
+            return float(_with_masks(x, lower, upper, margin, curve, scale))
     if margin == 0:
         return _indicator(x, lower, upper)
     curve, scale = _sigmoid(sigmoid, value_at_margin)
@@ -113,6 +117,11 @@ def tolerance(
         distance = _distance(x, lower, upper)
         return curve(distance if margin == 1 else distance / margin, scale)
     return _with_masks(x, lower, upper, margin, curve, scale)
+
+
+def _are_short(*numbers: object) -> bool:
+    """Whether one of NumPy's numbers has less precision than Python's, in which NumPy computes."""
+    return any(isinstance(n, np.floating) and not isinstance(n, np.float64) for n in numbers)
 
 
 def mean_tolerance(

@@ -15,6 +15,7 @@ from types import ModuleType
 
 import numpy as np
 
+from limberjack.utils.seeds import SEEDS
 from limberjack.viewer.session import Actuator, Plan, Session, Status
 from limberjack.viewer.shown import QUALITIES
 
@@ -148,10 +149,12 @@ class Panel:
         if changed and speed > 0:
             self._send(lambda session: session.set_speed(speed))
         if self._is_seeded:
-            _, self._seed = imgui.InputInt("##seed", max(0, self._seed))
+            # Whole numbers of its own have 31 bits; seeds have 32.
+            _, typed = imgui.InputDouble("##seed", float(self._seed), 1.0, 100.0, "%.0f")
+            self._seed = int(min(max(0.0, typed), SEEDS - 1))
             imgui.SameLine()
             if imgui.Button("Begin seed"):
-                seed = max(0, self._seed)
+                seed = self._seed
                 self._send(lambda session: session.begin(seed))
         for number, kind in enumerate(self._kinds):
             if number:

@@ -177,7 +177,7 @@ class Session:
         if self._paused:
             return False
         self._due += min(elapsed, _LONGEST_DEBT) * self._speed
-        interval = self._environment.control_timestep()
+        interval = self._interval
         stepped = False
         # A step that is early by a rounding error is due, too.
         while self._due >= interval * (1 - 1e-9):
@@ -189,7 +189,7 @@ class Session:
         return stepped
 
     def step(self) -> None:
-        """Takes one control step, paused or not; after an episode's last one, begins the next."""
+        """Takes an action's steps, paused or not; after an episode's last ones, begins the next."""
         if self._is_over:
             self._begin_episode()
             return
@@ -373,13 +373,14 @@ class Session:
         terms = self._terms()
         is_success = getattr(self._task, "is_success", None)
         goal = getattr(self._task, "GOAL", ())
+        limit = getattr(self._environment, "step_limit", None)
         return Status(
             episode=self._episodes,
             seed=self._episode_seed,
             start=self._start,
             step=self._steps,
-            step_limit=getattr(self._environment, "step_limit", None),
-            time=self._steps * self._environment.control_timestep(),
+            step_limit=None if limit is None else math.ceil(limit / self._repeat),
+            time=self._steps * self._interval,
             reward=self._reward,
             total=self._total,
             terms={name: float(value) for name, value in terms.items()},
@@ -392,6 +393,16 @@ class Session:
             plan=self._plan(),
             quality=self.shown.quality,
         )
+
+    @property
+    def _repeat(self) -> int:
+        """Control steps of an action."""
+        return getattr(self._environment, "action_repeat", 1)
+
+    @property
+    def _interval(self) -> float:
+        """Simulated seconds from one action to the next."""
+        return self._environment.control_timestep() * self._repeat
 
     def _terms(self) -> Mapping[str, float]:
         """The terms of the reward in this state, where the task defines them."""

@@ -89,11 +89,19 @@ def test_a_name_that_is_no_text_is_refused(model: wrapper.MjModel, name: Any) ->
 
 
 @pytest.mark.parametrize(
-    "flags", [("gravity",), (_GRAVITY,), (_GRAVITY.value, "contact"), (_GRAVITY, _CONTACT), ()]
+    "flags",
+    [
+        ("gravity",),
+        ("Gravity",),
+        (_GRAVITY,),
+        (_GRAVITY.value, "contact"),
+        (_GRAVITY, _CONTACT),
+        (),
+    ],
 )
 def test_parts_are_disabled_within_the_context(model: wrapper.MjModel, flags: Any) -> None:
     bits = {"gravity": _GRAVITY.value, "contact": _CONTACT.value}
-    expected = sum(bits.get(flag, flag) if isinstance(flag, str) else int(flag) for flag in flags)
+    expected = sum(bits[flag.lower()] if isinstance(flag, str) else int(flag) for flag in flags)
     model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_LIMIT.value
     before = model.opt.disableflags
     with model.disable(*flags):

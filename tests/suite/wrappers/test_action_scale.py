@@ -180,3 +180,15 @@ def test_a_scaled_task_goes_as_the_task_itself() -> None:
         assert got.reward == expected.reward
         for name, value in expected.observation.items():
             np.testing.assert_array_equal(got.observation[name], value)
+
+
+@pytest.mark.parametrize("action", [0.5, [[0.5]]])
+def test_one_number_for_one_actuator_may_have_any_shape(action: Any) -> None:
+    found = []
+    for given in (action, [0.5]):
+        environment = action_scale.Wrapper(
+            suite.load("cartpole", "swingup", {"random": 0}), minimum=-2.0, maximum=2.0
+        )
+        environment.reset()
+        found.append(environment.step(given).reward)
+    assert found[0] == found[1]

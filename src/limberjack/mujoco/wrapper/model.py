@@ -290,7 +290,7 @@ def _disable_bit(flag: str | int) -> int:
         for name, bit in mujoco.mjtDisableBit.__members__.items()
         if name.startswith("mjDSBL_")
     }
-    if flag not in bits:
+    if flag.lower() not in bits:
         valid = ", ".join(bits)
         raise ValueError(f"'{flag}' is not a valid flag name. Valid names: {valid}")
-    return bits[flag]
+    return bits[flag.lower()]

@@ -134,7 +134,8 @@ def _quantiles(result: EvaluationResult) -> str:
 
 
 def _subtitle(result: EvaluationResult) -> str:
-    text = f"Policy {result['policy']}, an action every {result['control_timestep']:g} s"
+    interval = result["control_timestep"] * result.get("action_repeat", 1)
+    text = f"Policy {result['policy']}, an action every {interval:g} s"
     if result["time_limit"] is not None:
         text += f", episodes of {result['time_limit']:g} s"
     return text

@@ -83,7 +83,8 @@ def write_page(
 
 def _subtitle(result: Result) -> str:
     done, asked = len(result["episodes"]), result["episodes_asked_for"]
-    text = f"Policy {result['policy']}, an action every {result['control_timestep']:g} s"
+    interval = result["control_timestep"] * result.get("action_repeat", 1)
+    text = f"Policy {result['policy']}, an action every {interval:g} s"
     if result["time_limit"] is not None:
         text += f", episodes of {result['time_limit']:g} s"
     return text if done == asked else f"{text}; cut short after {done} of {asked} episodes"

@@ -46,7 +46,9 @@ def write_document(path: Path, title: str, body: str, result: Mapping[str, objec
     }
     template = string.Template(_TEMPLATE.read_text(encoding="utf-8"))
     with replacing(path) as partial:
-        partial.write_text(template.substitute(parts), encoding="utf-8")
+        # Names of files may have bytes that are no text.
+        text = template.substitute(parts).encode("utf-8", "surrogateescape")
+        partial.write_text(text.decode("utf-8", "replace"), encoding="utf-8")
 
 
 def header(heading: str, subtitle: str) -> str:
@@ -118,6 +120,9 @@ def facts_of(result: Facts, command: str, others: Iterable[tuple[str, str]] = ()
     """
     entries = [("Command", f"<code>{html.escape(command)}</code>")] if command else []
     entries += [(html.escape(name), html.escape(value)) for name, value in others]
+    if result.get("world"):
+        world = html.escape(json.dumps(result["world"]))
+        entries.append(("World", f"<code>{world}</code>"))
     entries += [(name, html.escape(version)) for name, version in result["versions"].items()]
     fingerprint = html.escape(result["fingerprint"])
     entries.append(

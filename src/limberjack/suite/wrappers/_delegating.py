@@ -1,5 +1,6 @@
 """Base class of the wrappers, which delegates to the wrapped environment, and action checks."""
 
+import math
 from typing import Any
 
 import dm_env
@@ -71,7 +72,9 @@ def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
         raise ValueError(f"action is not an array of shape {shape}: {error}") from None
     if given.dtype.kind not in "fiub":
         raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
-    if shape and given.shape != shape:
+    if given.size == math.prod(shape) == 1:  # one number for one actuator has any shape
+        given = given.reshape(shape)
+    elif shape and given.shape != shape:
         raise ValueError(
             f"action has shape {given.shape}; expected {shape}, the shape of env.action_spec()"
         )
