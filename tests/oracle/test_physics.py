@@ -1,5 +1,6 @@
 """Physics: states, copies, resets, steps and errors equal dm_control's."""
 
+import collections
 import copy
 import itertools
 import logging
@@ -310,3 +311,63 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
         "simulation",
         "step_in_parts",
     ]
+
+
+def _hooked(package: Any) -> Any:
+    """A physics that counts its resets and adds a force to each forward computation."""
+
+    class Hooked(package("suite.cartpole").Physics):
+        resets = 0
+
+        def after_reset(self) -> None:
+            self.resets += 1
+            super().after_reset()
+
+        def forward(self) -> None:
+            self.data.qfrc_applied[0] = 1.0
+            super().forward()
+
+    return Hooked.from_xml_string(*package("suite.cartpole").get_model_and_assets())
+
+
+def test_hooks_of_a_physics_are_called_alike() -> None:
+    found = []
+    for physics in map(_hooked, BOTH):
+        physics.reset()
+        with physics.reset_context():
+            physics.data.qpos[1] = 0.4
+        acceleration = physics.data.qacc.copy()
+        physics.step()
+        found.append([physics.resets, acceleration, physics.data.qvel.copy()])
+    assert_same_pair(found, "what the hooks did")
+
+
+def _with_own_controls(package: Any) -> Any:
+    class Mirrored(package("mujoco").Physics):
+        def set_control(self, control: Any) -> None:
+            super().set_control([control[0], -control[0]])
+
+    physics = Mirrored.from_xml_string(
+        """<mujoco><worldbody>
+             <body><joint name="a"/><geom size=".1"/></body>
+             <body pos="1 0 0"><joint name="b"/><geom size=".1"/></body>
+           </worldbody>
+           <actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>"""
+    )
+
+    class Watching(package("suite.base").Task):
+        def get_observation(self, physics: Any) -> Any:
+            return collections.OrderedDict(control=physics.control())
+
+        def get_reward(self, physics: Any) -> float:
+            return 0.0
+
+    return package("rl.control").Environment(physics, Watching(random=0), time_limit=1)
+
+
+def test_controls_that_a_physics_sets_by_itself_are_the_same() -> None:
+    found = []
+    for environment in map(_with_own_controls, BOTH):
+        environment.reset()
+        found.append(environment.step(np.array([0.3])).observation["control"])
+    assert_same_pair(found, "controls")

@@ -357,13 +357,11 @@ class Physics(_control.Physics):
                 f"{keyframe_id}."
             )
         self._simulation.reset(keyframe_id)
-        self.after_reset()
+        _recompute(self)
 
     def after_reset(self) -> None:
         """Recomputes every quantity with actuation disabled: there are no controls yet."""
-        earlier = self._simulation.set_warnings_aside()
-        self._simulation.forward_without_actuation()
-        self._check_warnings(earlier)
+        _recompute(self)
 
     @contextlib.contextmanager
     def check_invalid_state(self) -> Iterator[None]:
@@ -576,3 +574,15 @@ def action_spec(physics: Physics) -> specs.BoundedArray:
     return specs.BoundedArray(
         shape=(model.nu,), dtype=float, minimum=bounds[:, 0], maximum=bounds[:, 1]
     )
+
+
+def _recompute(physics: Physics) -> None:
+    """Recomputes every quantity with actuation disabled, by `forward` where a user defines it."""
+    if type(physics).forward is not Physics.forward:
+        with physics.model.disable("actuation"):
+            physics.forward()
+        return
+    simulation = physics._simulation
+    earlier = simulation.set_warnings_aside()
+    simulation.forward_without_actuation()
+    physics._check_warnings(earlier)

@@ -162,8 +162,11 @@ class Task(control.Task[_Physics]):
         Raises:
           ValueError: the action has another shape; nothing is set.
         """
-        if type(action) is not np.ndarray:
-            action = np.asarray(getattr(action, "continuous_actions", action))
+        given = getattr(action, "continuous_actions", action)
+        if _has_controls_of_its_own(type(physics)):
+            physics.set_control(given)
+            return
+        action = given if type(given) is np.ndarray else np.asarray(given)
         expected = physics.simulation.ctrl.shape
         if action.shape != expected:
             rows = expected[:-1]
@@ -219,6 +222,14 @@ class Task(control.Task[_Physics]):
             f"{type(self).__name__}: none of {_MAX_START_ATTEMPTS} random starts was free of "
             "contacts; check whether a change of the model rules out such starts"
         )
+
+
+@functools.lru_cache
+def _has_controls_of_its_own(cls: type) -> bool:
+    """Whether a class of a user says itself what its controls are: then it checks them, too."""
+    if issubclass(cls, mujoco.Physics):
+        return cls.set_control is not mujoco.Physics.set_control
+    return not hasattr(cls, "simulation")  # it is none of MuJoCo
 
 
 def _show_reward(physics: mujoco.Physics, reward: Quantity) -> None:
