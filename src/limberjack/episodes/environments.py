@@ -28,6 +28,7 @@ __all__ = [
 ]
 
 _USUAL_STEPS = 1000  # control steps of an episode, of nearly all tasks with a time limit
+_IDENTIFYING = 0  # seed of the environment by which results are identified
 
 
 def checked_environment(
@@ -42,7 +43,8 @@ def checked_environment(
 
     Args:
       factory: makes it.
-      seeds: of the episodes; the environment is that of the first one.
+      seeds: of the episodes. The environment is that of seed 0, whose model identifies results
+        whatever their seeds, in workers too.
       is_kept: whether results are kept, which must name the environment.
       vectorised: True if vectorised batches are asked for.
       limit: how the caller's user sets a time limit, for messages.
@@ -56,7 +58,7 @@ def checked_environment(
             f"{factory.title} cannot be distinguished from other functions of that name, so its "
             "results cannot be kept in a folder: define make(seed) at the top level of a module"
         )
-    environment = factory.make(seeds[0])
+    environment = factory.make(_IDENTIFYING)
     if inside(environment).step_limit is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a {limit}"
@@ -107,13 +109,13 @@ def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: Seq
             f"{factory.title} makes an environment that differs each time it is called with seed "
             f"{seeds[0]}: pass the seed to the task, and draw from task.random"
         )
-    for seed in seeds[1:2]:
+    for seed in seeds[:2]:
         with contextlib.closing(factory.make(seed)) as other:
             pairs = [(step_limit_of(one), _control_timestep(one)) for one in (environment, other)]
         if pairs[0] != pairs[1]:
             raise ValueError(
                 f"{factory.title} makes an environment that differs for seed {seed}: its episodes "
-                f"have {pairs[1][0]} steps of {pairs[1][1]} s, and those of seed {seeds[0]} "
+                f"have {pairs[1][0]} steps of {pairs[1][1]} s, and those of seed {_IDENTIFYING} "
                 f"{pairs[0][0]} of {pairs[0][1]} s; make them the same for all seeds"
             )
 
