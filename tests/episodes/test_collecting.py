@@ -694,3 +694,11 @@ def test_datasets_of_a_set_stay_in_their_folder_if_a_policy_changes_to_another(
         "pendulum-swingup",
     ]
     assert [len(load(str(folder))) for folder in folders.values()] == [1, 1]
+
+
+def test_a_task_of_a_set_that_never_ends_is_refused_before_another_is_played(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(ValueError, match="lqr lqr_2_1 has no time limit"):
+        collect_set(["cartpole:balance", "lqr:lqr_2_1"], "zero", range(1), out=tmp_path)
+    assert not list(tmp_path.iterdir())

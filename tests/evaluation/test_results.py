@@ -35,5 +35,5 @@ def test_result_json_has_one_line_for_each_episode(tmp_path: Path) -> None:
 
 
 def test_kinds_of_starts_may_have_any_names(tmp_path: Path) -> None:
-    content = {**_evaluation("one").as_json(), "note": "line-0"}
+    content: Any = {**_evaluation("one").as_json(), "note": "line-0"}
     assert json.loads(results._text(content)) == json.loads(json.dumps(content))

@@ -24,7 +24,8 @@ from typing import Any
 
 import dm_env
 
-from limberjack import policies, suite
+from limberjack import policies
+from limberjack.episodes.environments import checked_environment
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.folder import Folder, blocks, discard_other
 from limberjack.episodes.illustrating import illustrate
@@ -40,7 +41,7 @@ from limberjack.registry.sets import Tasks, tasks_of
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, OnState, Scale, State, Unit
-from limberjack.workers.factories import Make
+from limberjack.workers.factories import Make, factory_of
 from limberjack.workers.identity import advice_on, processor
 from limberjack.worlds import World
 
@@ -157,15 +158,16 @@ def collect_set(
       kwargs: of `collect`.
 
     Raises:
-      ValueError, PolicyError: there is no such set or task, or a task has no policy. Nothing was
-        played.
+      ValueError, PolicyError: there is no such set or task, or a task has no policy or no time
+        limit. Nothing was played.
       Exception: any that `collect` raises; the datasets of tasks before are complete.
     """
     pairs, wanted, place = tasks_of(tasks), checked_seeds(seeds), absolute(str(out))
-    of_environment = kwargs.get("world")
+    how = kwargs.get("time_limit"), kwargs.get("world")
     chosen = {pair: policies.policy_for(policy, *pair) for pair in pairs}
     for (domain, task), of_task in chosen.items():
-        with contextlib.closing(suite.load(domain, task, None, of_environment)) as environment:
+        checked = checked_environment(factory_of(domain, task, *how), wanted, is_kept=True)
+        with contextlib.closing(checked) as environment:
             if of_task is None:
                 raise PolicyError(f"there is no policy for {domain} {task}")
             policies.find(of_task, environment, num_threads=1)
