@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Place",
+    "absolute",
     "check_file",
     "exists",
     "filling",
