@@ -72,7 +72,7 @@ def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
         raise ValueError(f"action is not an array of shape {shape}: {error}") from None
     if given.dtype.kind not in "fiub":
         raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
-    if given.size == math.prod(shape) == 1:  # one number for one actuator has any shape
+    if shape and given.size == math.prod(shape) == 1:  # one number for one actuator has any shape
         given = given.reshape(shape)
     elif shape and given.shape != shape:
         raise ValueError(
