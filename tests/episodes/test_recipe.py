@@ -4,7 +4,6 @@ import dataclasses
 import json
 from typing import Any
 
-import dm_env
 import numpy as np
 import pytest
 
@@ -13,6 +12,7 @@ from limberjack.episodes.episode import Kept
 from limberjack.episodes.recipe import Column, Recipe, recipe_of
 from limberjack.rl import control
 from limberjack.suite import ALL_TASKS, pendulum
+from tests.rl.odd_environments import Repeating
 
 from .collected import ARM, EVERYTHING, PENDULUM, made
 
@@ -161,25 +161,6 @@ def test_a_columns_bytes_are_those_of_its_numbers() -> None:
     assert Column("start", "str").nbytes == 0
 
 
-class _Plain(dm_env.Environment):
-    """Passes on nothing but what dm_env asks for."""
-
-    def __init__(self, environment: dm_env.Environment) -> None:
-        self._environment = environment
-
-    def reset(self) -> dm_env.TimeStep:
-        return self._environment.reset()
-
-    def step(self, action: Any) -> dm_env.TimeStep:
-        return self._environment.step(action)
-
-    def action_spec(self) -> Any:
-        return self._environment.action_spec()
-
-    def observation_spec(self) -> Any:
-        return self._environment.observation_spec()
-
-
 class _OwnReward(pendulum.SwingUp):
     """Says of no step whether it reached the goal, which its class has."""
 
@@ -194,7 +175,7 @@ def test_only_episodes_that_say_so_have_a_column_of_success() -> None:
 
     environment = suite.load(*PENDULUM[:2])
     assert has(environment)
-    assert not has(_Plain(environment))
+    assert not has(Repeating(environment))
     physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
     assert not has(control.Environment(physics, _OwnReward(random=0), control_timestep=0.02))
 
