@@ -162,11 +162,14 @@ class Task(control.Task[_Physics]):
         Raises:
           ValueError: the action has another shape; nothing is set.
         """
-        given = getattr(action, "continuous_actions", action)
+        is_array = type(action) is np.ndarray
+        if not is_array:
+            action = getattr(action, "continuous_actions", action)
         if _has_controls_of_its_own(type(physics)):
-            physics.set_control(given)
+            physics.set_control(action)
             return
-        action = given if type(given) is np.ndarray else np.asarray(given)
+        if not is_array:
+            action = np.asarray(action)
         expected = physics.simulation.ctrl.shape
         if action.shape != expected:
             rows = expected[:-1]
