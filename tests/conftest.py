@@ -159,6 +159,15 @@ def _sky(request: pytest.FixtureRequest) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True)
+def _no_batch_goes_on() -> Iterator[None]:
+    """Fails a test after which vectors would still be squared as the rows of a batch."""
+    from limberjack.utils import arrays  # after the renderer is chosen
+
+    yield
+    assert arrays._batch() is None, "the context of a batch was left behind"
+
+
 @pytest.fixture(params=["own", "shared"])
 def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes rows share an `MjData`, as in a large batch, or not, as in a small one."""

@@ -338,7 +338,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("int(position), int(_OWN)]", "int(position)]"),
     ],
     "rl/batch_safety.py": [
-        ("            self._memory.load(np.array([_BEGINS_AGAIN]), [self._starts_again])\n", ""),
+        (
+            "            self._step(task, batch, action, n_sub_steps)\n            yield",
+            "            self._step(task, batch, action, n_sub_steps)\n"
+            "            arrays.rows_of_a_batch(self._num_rows).__enter__()\n            yield",
+        ),
+        ("        self._memory.load(np.array([_BEGINS_AGAIN]), [self._starts_again])\n", ""),
         ("        self._memory.load(np.arange(self._num_rows), self._starts)\n", ""),
     ],
     "rl/control.py": [
@@ -467,14 +472,15 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("else np.vecdot(x, x)", "else (x * x).sum(axis=-1)"),
         (
             "np.matmul(vectors[..., None, :], frames)[..., 0, :]",
-            'np.einsum("...i,...ij->...j", vectors, frames)',
+            "np.matmul(frames, vectors[..., :, None])[..., 0]",
         ),
         ("functools.reduce(np.minimum, values)", "functools.reduce(np.fmin, values)"),
         (
-            'return getattr(x, "shape", None) == (_batch_size.get(),)',
-            "return _batch_size.get() is not None",
+            'return batch is not None and getattr(x, "shape", None) == (batch[0],)',
+            "return batch is not None",
         ),
-        ("_batch_size.reset(self._token)", "_batch_size.set(None)"),
+        ("and not found[1].locked()", "and False"),
+        ("found = found[2]", "found = None"),
     ],
     "utils/rewards.py": [
         ("if lower <= x <= upper:", "if lower < x < upper:"),

@@ -144,6 +144,14 @@ def test_an_observation_is_compared_with_a_single_simulations(
     assert "index with `...`, reduce over axis -1" in str(caught.value)
 
 
+def test_an_error_that_is_kept_does_not_keep_the_context_of_the_rows() -> None:
+    x = np.zeros(2)
+    with pytest.raises(ValueError, match=r"in row \d of a batch") as caught:
+        _batch(_rewarding(lambda physics: np.abs(physics.velocity()).max()), len(x))
+    # Else powers of any vector of as many numbers would be rounded as those of rows.
+    assert not arrays.one_value_per_row(x), caught
+
+
 def test_a_batch_of_one_is_checked_on_two_rows() -> None:
     with pytest.raises(ValueError, match=r"has shape \(2,\) in a batch of 2; expected \(2,\)|is "):
         _batch(_observing(lambda physics: physics.position()[0]), 1)

@@ -151,12 +151,14 @@ def check_batch_safe(
         trial.check_large_fields()
         looks_again = all(len(records) == _LOOKS for records in alone)
         together = trial.play_together(actions, n_sub_steps, alone[0], looks_again)
-        for look, found in enumerate(together):
-            for row, records in enumerate(alone):
-                # A row that diverges is not compared any further.
-                if look < len(records) and not (look > _STEPS and row == _LEFT_OUT):
-                    steps = look if look <= _STEPS else _STEPS + _MORE_STEPS
-                    trial.compare(found, records[look], row, steps)
+        # Not within the generator: the context would last as long as an error that holds it.
+        with arrays.rows_of_a_batch(num_rows):
+            for look, found in enumerate(together):
+                for row, records in enumerate(alone):
+                    # A row that diverges is not compared any further.
+                    if look < len(records) and not (look > _STEPS and row == _LEFT_OUT):
+                        steps = look if look <= _STEPS else _STEPS + _MORE_STEPS
+                        trial.compare(found, records[look], row, steps)
 
 
 class _Trial:
@@ -274,6 +276,8 @@ class _Trial:
     ) -> Iterator[_Record]:
         """Yields the quantities of all rows, after their start, after each step, and later.
 
+        To be read within `arrays.rows_of_a_batch`.
+
         Args:
           actions: (steps, num_rows, ...).
           n_sub_steps: physics steps per action.
@@ -285,20 +289,19 @@ class _Trial:
         self._memory = EpisodeAttributes(task, self._num_rows)
         self._memory.load(np.arange(self._num_rows), self._starts)
         rows.start(np.arange(self._num_rows))
-        with arrays.rows_of_a_batch(self._num_rows):
-            yield self._seen(task, batch, is_step=False, expected=expected[0])
-            for action in actions:
-                self._step(task, batch, action, n_sub_steps)
-                yield self._seen(task, batch, is_step=True, expected=expected[0])
-            if not looks_again:
-                return
-            self._memory.load(np.array([_BEGINS_AGAIN]), [self._starts_again])
-            rows.set_start(_BEGINS_AGAIN, self._second_start)
-            rows.start(np.array([_BEGINS_AGAIN]))
-            running = np.array([row for row in range(self._num_rows) if row != _LEFT_OUT])
-            for step in range(_MORE_STEPS):
-                self._step(task, batch, actions[step % _STEPS], n_sub_steps, running=running)
+        yield self._seen(task, batch, is_step=False, expected=expected[0])
+        for action in actions:
+            self._step(task, batch, action, n_sub_steps)
             yield self._seen(task, batch, is_step=True, expected=expected[0])
+        if not looks_again:
+            return
+        self._memory.load(np.array([_BEGINS_AGAIN]), [self._starts_again])
+        rows.set_start(_BEGINS_AGAIN, self._second_start)
+        rows.start(np.array([_BEGINS_AGAIN]))
+        running = np.array([row for row in range(self._num_rows) if row != _LEFT_OUT])
+        for step in range(_MORE_STEPS):
+            self._step(task, batch, actions[step % _STEPS], n_sub_steps, running=running)
+        yield self._seen(task, batch, is_step=True, expected=expected[0])
 
     def _seen(
         self,

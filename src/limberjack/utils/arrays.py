@@ -12,6 +12,7 @@ They do not broadcast a batch against a single simulation, and they do not accep
 import contextlib
 import contextvars
 import functools
+import threading
 from collections.abc import Iterable
 from typing import overload
 
@@ -34,36 +35,36 @@ __all__ = [
 # A scalar per simulation, () or (N,), or a vector per simulation, (k,) or (N, k).
 Quantity = float | np.ndarray
 
-_batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
+# The number of rows of the last batch whose context was entered, the lock that is held within that
+# context, and the context around it.
+_Entered = tuple[int, threading.Lock, "_Entered | None"]
+_entered: contextvars.ContextVar[_Entered | None] = contextvars.ContextVar("entered", default=None)
 
 
-class _RowsOfABatch:
-    """Context manager of `rows_of_a_batch`; a generator-based one takes twice as long."""
-
-    __slots__ = ("_num_envs", "_token")
-
-    def __init__(self, num_envs: int) -> None:
-        self._num_envs = num_envs
-
-    def __enter__(self) -> None:
-        self._token = _batch_size.set(self._num_envs)
-
-    def __exit__(self, *error: object) -> None:
-        _batch_size.reset(self._token)
-
-
-def rows_of_a_batch(num_envs: int) -> contextlib.AbstractContextManager[None]:
+def rows_of_a_batch(num_envs: int) -> contextlib.AbstractContextManager[object]:
     """Context in which a `(num_envs,)` array holds one value per simulation, not a vector.
 
     Only powers depend on it: see `limberjack.utils.rewards.tolerance`.
     """
-    return _RowsOfABatch(num_envs)
+    # A lock, because Ctrl-C can strike in no method of it: the context ends wherever it strikes.
+    lock = threading.Lock()
+    _entered.set((num_envs, lock, _batch()))
+    return lock
+
+
+def _batch() -> _Entered | None:
+    """The innermost batch in whose context this code runs."""
+    found = _entered.get()
+    while found is not None and not found[1].locked():
+        found = found[2]
+    return found
 
 
 def one_value_per_row(x: object) -> bool:
     """Whether `x` holds one value per simulation of the current batch."""
+    batch = _batch()
     # Checks the shape only, so that arrays of other libraries are recognised too.
-    return getattr(x, "shape", None) == (_batch_size.get(),)
+    return batch is not None and getattr(x, "shape", None) == (batch[0],)
 
 
 def any_of(mask: np.ndarray) -> bool:
