@@ -347,6 +347,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        self._memory.load(np.arange(self._num_rows), self._starts)\n", ""),
     ],
     "rl/control.py": [
+        ("        if type(self) is Environment:\n", "        if True:\n"),
+        ("return getattr(Environment, name).of(env)", "return getattr(env, name)"),
+        ('replace(self._ours, use=OneUser("environment"))', "replace(self._ours)"),
         ("begun = step or not getattr", "begun = not getattr"),
         ("stream is getattr(task", "stream is not getattr(task"),
         (
@@ -354,10 +357,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "        for name, value in ():\n",
         ),
         (
-            "initialize_episode(self._physics)\n            self._keep_own()\n",
+            "initialize_episode(self._physics)\n            self.__keep_own()\n",
             "initialize_episode(self._physics)\n",
         ),
-        ("return self.reset()  # a subclass may", "return self._begin()  # a subclass may"),
+        ("return self.reset()  # a subclass may", "return self.__begin()  # a subclass may"),
         ("if not is_last and number + 1 < ", "if number + 1 < "),
         ("        self._reset_next_step = True  # until the step is complete\n", ""),
         ("put_back(snapshot.memory[0], self._task, self._physics)", "pass"),
@@ -686,6 +689,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "evaluation/protocol.py": [
         ("_ACTION_REPEAT if demanded is None else None", "_ACTION_REPEAT"),
         ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
+        (
+            "for one in evaluations for score in one.scores",
+            "for one in evaluations[:1] for score in one.scores",
+        ),
+        ('Appearance.of(cast(Appearance, settings["appearance"]))', "Appearance()"),
         ("seconds_without_a_limit(environment), tuple", "None, tuple"),
         (
             "np.array([one.scores for one in self.tasks]).T",
@@ -1042,7 +1050,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "mujoco/replicas.py": [
-        ("        vars(one).update(like._attributes())\n", ""),
+        ("        vars(one).update(like._shared_attributes())\n", ""),
         ("one.simulation.sets_constants = like", "one.simulation.sets_constants = False and like"),
         (
             "            values[row] = read_field(model, name)\n",

@@ -50,8 +50,8 @@ def test_a_planner_knows_nothing_of_faults() -> None:
         planned.append((planner, planner.act()))
     (blind, action), (planner, expected) = planned
     np.testing.assert_array_equal(action, expected)
-    assert faulty._faults is not None
-    for name in faulty._faults.fields:
+    assert faulty._ours.faults is not None
+    for name in faulty._ours.faults.fields:
         nominal = getattr(planner._now.model, name)
         for physics in (blind._now, *(one.physics for one in blind._rollouts.values())):
             np.testing.assert_array_equal(getattr(physics.model, name), nominal)

@@ -54,10 +54,7 @@ def checked_environment(
         another environment, or cannot be vectorised although that is asked for.
     """
     if is_kept and not factory.is_known:
-        raise ValueError(
-            f"{factory.title} cannot be distinguished from other functions of that name, so its "
-            "results cannot be kept in a folder: define make(seed) at the top level of a module"
-        )
+        raise ValueError(_why_unknown(factory))
     environment = factory.make(_IDENTIFYING)
     if inside(environment).step_limit is None:
         raise ValueError(
@@ -84,7 +81,7 @@ def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, a
       ValueError, TypeError: it is not a whole number of at least 1, or not that of a policy which
         demands one, such as the planner, which acts at every control step.
     """
-    own = inside(environment).action_repeat
+    own = inside(environment)._ours.action_repeat
     repeat = own if action_repeat is None else at_least_one("action_repeat", action_repeat)
     demanded = actor.action_repeat
     if demanded is None or repeat == demanded:
@@ -94,6 +91,20 @@ def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, a
     often = "at every control step" if demanded == 1 else f"every {demanded} control steps"
     advice = "leave it at 1" if demanded == 1 else f"leave it out, or set it to {demanded}"
     raise ValueError(f"action_repeat is {repeat}, but policy {actor.name!r} acts {often}: {advice}")
+
+
+def _why_unknown(factory: Factory) -> str:
+    """The reason why results of a factory cannot be kept, with advice."""
+    if "domain" in factory.facts:
+        return (
+            f"the module of {factory.facts['domain']!r} has no file, so a change of its code would "
+            "not be noticed, and its results cannot be kept in a folder: define the domain in a "
+            "module of its own"
+        )
+    return (
+        f"{factory.title} cannot be distinguished from other functions of that name, so its "
+        "results cannot be kept in a folder: define make(seed) at the top level of a module"
+    )
 
 
 def _check_vectorised(factory: Factory) -> None:
@@ -127,7 +138,8 @@ def _control_timestep(environment: dm_env.Environment) -> float:
 def seconds_without_a_limit(environment: dm_env.Environment) -> float | None:
     """Seconds that a task without a time limit is scored for, 1,000 control steps; else None."""
     inner = inside(environment)
-    return _USUAL_STEPS * inner.control_timestep() if inner.step_limit is None else None
+    has_limit = Environment.step_limit.of(inner) is not None
+    return None if has_limit else _USUAL_STEPS * inner.control_timestep()
 
 
 def step_limit_of(environment: dm_env.Environment) -> int | None:

@@ -119,7 +119,7 @@ def record(
     factory = factory_of(domain, task, None if callable(domain) else seconds, world)
     if action_repeat is None and callable(domain):
         with contextlib.closing(factory.make(first)) as one:
-            own = inside(one).action_repeat
+            own = inside(one)._ours.action_repeat
             action_repeat = None if own == 1 else own  # 1 leaves it to the policy
     with _Stage.of(factory, first, rows, seconds, view) as stage, _held(path):
         actor = _actor_of_rows(policy, stage.batch, first)

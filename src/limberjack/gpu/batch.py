@@ -418,7 +418,7 @@ class DeviceBatch:
     def parts(self) -> list[str]:
         """The task and the fields of a row of numbers, to compare with those of a saved state."""
         named = [f"{part.name} {part.columns}" for part in self.starts.parts]
-        return [self.environment._name or type(self.task).__name__, *named]
+        return [self.environment._ours.name or type(self.task).__name__, *named]
 
     def observation(self) -> _Observation:
         """The current observation, by name."""

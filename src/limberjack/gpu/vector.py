@@ -241,7 +241,7 @@ class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Ten
         self.batch.close()
 
     def __repr__(self) -> str:
-        name = self.batch.environment._name or type(self.batch.task).__name__
+        name = self.batch.environment._ours.name or type(self.batch.task).__name__
         return f"<VectorEnv {name}, {self.num_envs} rows, {self.device}>"
 
     def _in_form(self, observation: Mapping[str, torch.Tensor]) -> _Observation:
@@ -263,7 +263,7 @@ class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Ten
 
     def _drawn(self, begun: torch.Tensor) -> Info:
         """The model's fields that were drawn for the episodes that rows have begun."""
-        randomizer = self.batch.environment._randomizer
+        randomizer = self.batch.environment._ours.randomizer
         if randomizer is None:
             return {}
         own = self.batch.simulation.own
@@ -351,8 +351,8 @@ def _snapshot_of(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
         step_count=batch.counter.steps.cpu().numpy()[rows].astype(int),
         begins=batch.counter.ended.cpu().numpy()[rows],
         streams=streams,
-        registration=batch.environment.registration,
-        name=batch.environment._name,
+        registration=batch.environment._ours.registration,
+        name=batch.environment._ours.name,
     )
 
 
@@ -453,8 +453,9 @@ def load_vector(
     environment = vectorisable(suite.load(domain, task, of_task, of_environment))
     if not environment.physics.legacy_step:
         raise ValueError("legacy_step is False: use the CPU, limberjack.gym.load_vector")
-    if environment.world is not None:
-        options = " and ".join(environment.world)
+    world = Environment.world.of(environment)
+    if world is not None:
+        options = " and ".join(world)
         raise ValueError(f"{options} are not for devices: use the CPU, limberjack.gym.load_vector")
     if starts_per_step is None:
         starts_per_step = usual_starts_per_step(num_envs, environment._step_limit)
@@ -463,7 +464,7 @@ def load_vector(
         float(starts_per_step),
         place.type == "cuda" if graphs is None else graphs,
         mode is AutoresetMode.NEXT_STEP,
-        environment.action_repeat if action_repeat is None else action_repeat,
+        environment._ours.action_repeat if action_repeat is None else action_repeat,
     )
     return VectorEnv(DeviceBatch(environment, num_envs, place, seed, options), mode, flat)
 

@@ -340,7 +340,7 @@ def _played(
         return Single(given, action_repeat)
     spec_of(env)  # raises if it is not one array
     if action_repeat is not None:
-        env.action_repeat = action_repeat
+        control.set_action_repeat(env, action_repeat)
     return env
 
 

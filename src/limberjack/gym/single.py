@@ -26,7 +26,7 @@ from dm_env import specs
 
 from limberjack.rl import action_specs
 from limberjack.rl.builds import Build, Make, Seeded, numbers_of, physics_of
-from limberjack.rl.control import Environment
+from limberjack.rl.control import Environment, shown_by
 from limberjack.rl.copies import check_copies, copied
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description
@@ -276,18 +276,18 @@ class Single:
     @property
     def randomization(self) -> Mapping[str, np.ndarray]:
         """The values drawn for this episode, by field of the model."""
-        return getattr(self.environment, "randomization", {})
+        return shown_by(self.environment, "randomization", {})
 
     @property
     def reward_terms(self) -> Mapping[str, Quantity]:
         """The terms of the last step's reward by name; empty without them."""
-        terms: Mapping[str, Quantity] = getattr(self.environment, "reward_terms", {})
+        terms: Mapping[str, Quantity] = shown_by(self.environment, "reward_terms", {})
         return terms if self._plain is not None else self._row._summed_terms.get(0, terms)
 
     @property
     def success(self) -> bool | None:
         """Whether the last step reached the goal; None without a goal."""
-        success = getattr(self.environment, "success", None)
+        success = shown_by(self.environment, "success")
         return None if success is None else bool(success)
 
     @property

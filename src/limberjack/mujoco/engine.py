@@ -217,12 +217,12 @@ class Physics(_control.Physics):
         """This physics evaluated on other fields, such as those of a `BatchSimulation`."""
         cls: type[Self] = type(self)
         other = cls.__new__(cls)
-        vars(other).update(self._attributes())
+        vars(other).update(self._shared_attributes())
         other._simulation = cast(Simulation, fields)  # read-only ones raise when stepped
         other._forget_arrays()
         return other
 
-    def _attributes(self) -> dict[str, object]:
+    def _shared_attributes(self) -> dict[str, object]:
         """The attributes that do not belong to one simulation, such as a domain's settings."""
         cls, own = type(self), ("_data", "_simulation")
         cached = functools.cached_property
@@ -236,7 +236,7 @@ class Physics(_control.Physics):
         vars(self).pop("named", None)
         self._data = RowsData(self._simulation)
 
-    def _single(self, what: str, instead: str) -> SingleSimulation:
+    def __single(self, what: str, instead: str) -> SingleSimulation:
         """The simulation; raises TypeError if it is a batch, with the call to use instead."""
         simulation = self._simulation
         if type(simulation) is not SingleSimulation:
@@ -289,7 +289,7 @@ class Physics(_control.Physics):
         """
         simulation = self._simulation
         if type(simulation) is not SingleSimulation:
-            simulation = self._single("step()", "call step(actions) of its BatchEnvironment")
+            simulation = self.__single("step()", "call step(actions) of its BatchEnvironment")
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
         earlier = simulation.set_warnings_aside()
@@ -298,7 +298,7 @@ class Physics(_control.Physics):
         else:
             advance(*simulation.begin_step_whole(nstep))
         if earlier is not None or simulation.has_warned():
-            self._check_warnings(earlier)
+            self._raise_if_warned(earlier)
 
     @property
     def can_step_in_parts(self) -> bool:
@@ -316,7 +316,7 @@ class Physics(_control.Physics):
         Raises:
           ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
         """
-        simulation = self._single("step_in_parts()", "call step(actions) of its BatchEnvironment")
+        simulation = self.__single("step_in_parts()", "call step(actions) of its BatchEnvironment")
         nstep = checked_steps(nstep)
         earlier = simulation.set_warnings_aside()
         record = simulation.begin_step if self.legacy_step else simulation.begin_step_whole
@@ -324,7 +324,7 @@ class Physics(_control.Physics):
 
         def check() -> None:
             if earlier is not None or simulation.has_warned():
-                self._check_warnings(earlier)
+                self._raise_if_warned(earlier)
 
         return run, check
 
@@ -344,7 +344,7 @@ class Physics(_control.Physics):
           ValueError: there is no such keyframe.
           TypeError: `keyframe_id` is not a whole number, or these are the rows of a batch.
         """
-        self._single("reset()", "call reset(rows) of its BatchEnvironment")
+        self.__single("reset()", "call reset(rows) of its BatchEnvironment")
         if keyframe_id is not None and not isinstance(keyframe_id, int | np.integer):
             raise TypeError(
                 f"keyframe_id is {keyframe_id!r}; expected a keyframe's number, or None"
@@ -368,7 +368,7 @@ class Physics(_control.Physics):
         """Raises `PhysicsError` at exit if MuJoCo warned within the context."""
         earlier = self._simulation.set_warnings_aside()
         yield
-        self._check_warnings(earlier)
+        self._raise_if_warned(earlier)
 
     @contextlib.contextmanager
     def suppress_physics_errors(self) -> Iterator[None]:
@@ -380,7 +380,7 @@ class Physics(_control.Physics):
         finally:
             self._warnings_cause_exception = before
 
-    def _check_warnings(self, earlier: np.ndarray | None) -> None:
+    def _raise_if_warned(self, earlier: np.ndarray | None) -> None:
         """Raises or logs if there are warnings other than the earlier ones, and names them."""
         new = self._simulation.new_warnings(earlier)
         if new is None:
@@ -450,13 +450,13 @@ class Physics(_control.Physics):
           share_model: whether both use one model, so that edits affect both.
         """
         instead = "take a snapshot() of its BatchEnvironment, or deepcopy it"
-        simulation = self._single("copy()", instead).copy(share_model)
+        simulation = self.__single("copy()", instead).copy(share_model)
         new = type(self).__new__(type(self))
-        new.__setstate__((simulation, self._settings()))
+        new.__setstate__((simulation, self.__settings()))
         return new
 
     def __getstate__(self) -> tuple[Simulation, dict[str, object]]:
-        return self._single("pickling", "pickle its BatchEnvironment"), self._settings()
+        return self.__single("pickling", "pickle its BatchEnvironment"), self.__settings()
 
     def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         self.become(state)
@@ -469,9 +469,9 @@ class Physics(_control.Physics):
         self._data = state[0].data
         vars(self).update(settings)
 
-    def _settings(self) -> dict[str, object]:
+    def __settings(self) -> dict[str, object]:
         """The attributes that copies keep: settings, and what a subclass adds."""
-        own = self._attributes()
+        own = self._shared_attributes()
         own.pop("_warnings_cause_exception", None)
         return own
 
@@ -536,7 +536,7 @@ class Physics(_control.Physics):
         Returns:
           (height, width, 3) uint8 unless `depth` or `segmentation` is set.
         """
-        self._single("render()", "call render(rows, ...) of its BatchEnvironment")
+        self.__single("render()", "call render(rows, ...) of its BatchEnvironment")
         what = height, width, camera_id, overlays, depth, segmentation
         how = scene_option, render_flag_overrides, scene_callback, quality
         return camera.render(self, *what, *how)
@@ -585,4 +585,4 @@ def _recompute(physics: Physics) -> None:
     simulation = physics._simulation
     earlier = simulation.set_warnings_aside()
     simulation.forward_without_actuation()
-    physics._check_warnings(earlier)
+    physics._raise_if_warned(earlier)

@@ -187,8 +187,8 @@ class Planner:
         """Updates the cost in the environment's state; returns that state, to be loaded."""
         # The call that led to the state has other time steps here.
         saved = without_calls(self._env.physics.simulation.save(None, self._fields))
-        if self._env._faults is not None:
-            saved = self._env._faults.unperturbed(saved)
+        if self._env._ours.faults is not None:
+            saved = self._env._ours.faults.unperturbed(saved)
         self._now.simulation.load(saved)
         self._cost.update(self._now)
         return saved
@@ -313,7 +313,7 @@ class Planner:
 
 def _nominal_physics(env: control.Environment) -> Physics:
     """The environment's physics; with perturbations a copy that has the task's own model."""
-    faults = env._faults
+    faults = env._ours.faults
     if faults is None or not faults.nominal:
         return env.physics
     physics = env.physics.copy()
@@ -324,7 +324,8 @@ def _nominal_physics(env: control.Environment) -> Physics:
 def _fields_of_episodes(env: control.Environment) -> tuple[str, ...]:
     """Names of the model fields that starts set, without those that only a perturbation sets."""
     own = getattr(env.task, "EPISODE_FIELDS", ())
-    only_perturbed = {*env._faults.fields} - {*own} if env._faults is not None else set()
+    faults = env._ours.faults
+    only_perturbed = {*faults.fields} - {*own} if faults is not None else set()
     return tuple(n for n in model_fields(env.snapshot().physics) if n not in only_perturbed)
 
 

@@ -60,9 +60,9 @@ class PolicyPlans:
                 f"policy is of type {type(policy).__name__}; expected a function from an "
                 "observation to an action, or a policy of limberjack.policies.find"
             )
-        if env.pixels is not None:
+        if control.Environment.pixels.of(env) is not None:
             raise ValueError("the environment observes pictures, which a plan does not draw")
-        if "faults" in (env.world or {}):
+        if "faults" in (control.Environment.world.of(env) or {}):
             raise ValueError("the environment has faults, which a plan does not simulate")
         self._env, self._policy, self._law = env, policy, law
         self._knots, self._spread = settings.knots, law.noise * law.scale

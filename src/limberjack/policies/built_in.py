@@ -98,9 +98,10 @@ def planner(
 
         try:
             plain = vectorisable(environment)
-            if plain.action_repeat != 1:
+            repeat = plain._ours.action_repeat
+            if repeat != 1:
                 raise ValueError(
-                    f"the environment has action_repeat={plain.action_repeat}, but it acts at "
+                    f"the environment has action_repeat={repeat}, but it acts at "
                     "every control step: leave action_repeat at 1"
                 )
             chosen = Planner(plain, num_threads, seed)

@@ -104,7 +104,8 @@ def pretrained(environment: dm_env.Environment | None) -> Actor:
     """
     if environment is None:
         return Deferred(PRETRAINED, pretrained)
-    name = getattr(control_of(environment), "_name", "")
+    inner = control_of(environment)
+    name = inner._ours.name if isinstance(inner, Environment) else ""
     domain, _, task = name.partition(":")
     path = _FOLDER / f"{domain}-{task}{_ENDING}"
     if not (name and path.is_file()):
@@ -281,7 +282,7 @@ def _differences(card: mlp.Card, environment: dm_env.Environment) -> list[str]:
         return []
     found = []
     name = f"{card.domain}:{card.task}"
-    if card.title and inner._name and inner._name != name:
+    if card.title and inner._ours.name and inner._ours.name != name:
         found.append(card.title)
     known, here = card.versions.get("mujoco"), versions()["mujoco"]
     if known not in (None, here):

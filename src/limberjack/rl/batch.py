@@ -82,26 +82,26 @@ class BatchEnvironment(Batch):
         """Creates a batch; see `from_environment`."""
         check_plain(env)
         num_envs = guards.at_least_one("num_envs", num_envs)
-        self._randomizer = env._randomizer
-        self._saved_fields, self._world = env._saved_fields(), env.world
+        self._randomizer = env._ours.randomizer
+        self._saved_fields, self._world = env._saved_fields(), control.Environment.world.of(env)
         check_episode_fields(env.task)
         check_declared(env.task)
         saved = env.physics.simulation.save(None, self._saved_fields)
         guards.check_memory(num_envs, saved.values())
-        repeat = env.action_repeat if action_repeat is None else action_repeat
+        repeat = env._ours.action_repeat if action_repeat is None else action_repeat
         super().__init__(num_envs, seed, on_divergence, repeat, stagger)
-        proved = is_proved(env.task, env.physics, env._randomizer)
+        proved = is_proved(env.task, env.physics, env._ours.randomizer)
         self._task = task = _task_of(env, proved)
-        self.name = env._name or type(task).__name__
+        self.name = env._ours.name or type(task).__name__
         self._n_sub_steps, self._flat_observation = env._n_sub_steps, env._flat_observation
         threads = threads_for(num_threads, num_envs, env)
         # Any: of the domain's own physics.
         replicas: Replicas[Any] = env.physics.replicate(num_envs, threads, self._saved_fields)
         self._replicas = replicas
         self._randomization: dict[str, np.ndarray] = {}
-        self._frames = Frames.of(env.pixels, replicas)
-        self._faults = None if env._faults is None else env._faults.of_rows(num_envs)
-        self._looks = replicas.looks = Looks.of_rows(env._looks, num_envs)
+        self._frames = Frames.of(control.Environment.pixels.of(env), replicas)
+        self._faults = None if env._ours.faults is None else env._ours.faults.of_rows(num_envs)
+        self._looks = replicas.looks = Looks.of_rows(env._ours.looks, num_envs)
         self._streams = Streams(self._seeds[0], num_envs)
         self._seeds = self._streams.seeds
         self._counter = Counter(num_envs, env._step_limit, type(task).__name__)

@@ -270,7 +270,8 @@ def holder_of(env: dm_env.Environment, name: str) -> object:
 def task_name(env: dm_env.Environment) -> str:
     """The name of an environment's task, such as 'humanoid:walk', or else its class."""
     inner = control_of(env)
-    return getattr(inner, "_name", "") or type(getattr(inner, "_task", env)).__name__
+    name = inner._ours.name if isinstance(inner, Environment) else ""
+    return name or type(getattr(inner, "_task", env)).__name__
 
 
 def physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class

@@ -19,7 +19,6 @@ This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics
 
 import copy
 import dataclasses
-import functools
 import math
 import numbers
 from collections.abc import Mapping
@@ -53,6 +52,7 @@ from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.streams import check_not_randomized, set_stream_fields, stream_of
 from limberjack.utils.arrays import Quantity
+from limberjack.utils.overridable import overridable
 from limberjack.worlds import World
 from limberjack.worlds.appearance import Appearance, AppearanceOptions, Looks
 from limberjack.worlds.faults import FaultMemory, Faults, Perturber
@@ -65,16 +65,57 @@ __all__ = [
     "Task",
     "compute_n_steps",
     "flatten_observation",
+    "set_action_repeat",
+    "shown_by",
 ]
 
 _MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST  # read faster than from the enum
 
 
+@dataclasses.dataclass(eq=False)
+class Additions:
+    """What an environment has beside the attributes that dm_control's has.
+
+    Attributes:
+      use: of the environment, by one thread at a time.
+      registration: the suite's record of the domain, which makes unpickling import its module.
+      name: such as 'humanoid:walk'; empty unless `suite.load` made the environment.
+      seeded: a stream of the task, and its seed if known.
+      frames: None without pixel observations.
+      faults: None without faults.
+      looks: None for pictures that look as the model.
+      randomizer: None without randomisation.
+      draws: the task's stream, and the stream derived from it that model fields are drawn from.
+      first: the task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
+      reward_terms: of the last step, by name.
+      last_terms: of the last of several control steps.
+      reward_so_far: of a step's control steps, also of one that diverges.
+      randomization: drawn for this episode, by field.
+    """
+
+    use: OneUser = dataclasses.field(default_factory=lambda: OneUser("environment"))
+    is_closed: bool = False
+    registration: object = None
+    name: str = ""
+    seeded: tuple[object, object] = (None, None)
+    action_repeat: int = 1
+    frames: Frames | None = None
+    faults: FaultMemory | None = None
+    looks: Looks | None = None
+    randomizer: Randomizer | None = None
+    draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
+    first: Mapping[str, object] | None = None
+    reward_terms: dict[str, Quantity] = dataclasses.field(default_factory=dict)
+    last_terms: Mapping[str, Quantity] | None = None
+    reward_so_far: Quantity = 0.0
+    randomization: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
 
-    # With values, because programs subclass it without calling `__init__`. The annotations are the
-    # attributes of a plain environment; a subclass or its user may add others.
+    # The attributes of a plain environment: dm_control's, and `_ours`. A subclass or its user may
+    # add attributes of any other name, also those of the properties below.
     _task: Task
     _physics: Physics
     _flat_observation: bool
@@ -82,24 +123,13 @@ class Environment(dm_env.Environment):
     _step_limit: float
     _step_count: int
     _reset_next_step: bool
-    reward_terms: dict[str, Quantity]  # of the last step, by name
-    randomization: dict[str, np.ndarray]  # drawn for this episode, by field
-    _closed: bool = False
-    _randomizer: Randomizer | None = None
-    # The suite's record of the domain, which makes unpickling import the domain's module.
-    registration: object = None
-    _name: str = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
-    _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
-    _frames: Frames | None = None  # None without pixel observations
-    _faults: FaultMemory | None = None
-    _looks: Looks | None = None  # None for pictures that look as the model
-    # The task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
-    _first: Mapping[str, object] | None = None
-    _action_repeat: int = 1
-    _last_terms: Mapping[str, Quantity] | None = None  # of the last of several control steps
-    _reward_so_far: Quantity = 0.0  # of a step's control steps, also of one that diverges
-    # The task's stream, and the stream derived from it that model fields are drawn from.
-    _draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
+    _ours: Additions
+
+    def __new__(cls, *args: object, **kwargs: object) -> Self:
+        """Not in `__init__`, because programs subclass this class without calling that."""
+        new = super().__new__(cls)
+        new._ours = Additions()
+        return new
 
     def __init__(
         self,
@@ -146,6 +176,7 @@ class Environment(dm_env.Environment):
             no such appearance.
           TypeError: `pixels`, `faults` or `appearance` have an unknown option.
         """
+        ours = self._ours
         if n_sub_steps is not None and control_timestep is not None:
             raise ValueError(
                 f"Both n_sub_steps ({n_sub_steps}) and control_timestep ({control_timestep}) were "
@@ -165,22 +196,22 @@ class Environment(dm_env.Environment):
         if time_limit != float("inf"):
             self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
         physics.legacy_step = legacy_step
-        self.action_repeat = action_repeat
+        set_action_repeat(self, action_repeat)
         self._step_count = 0
         self._reset_next_step = True
         if randomize:
-            self._randomizer = Randomizer(randomize, self._simulated)
-            check_not_randomized(task, self._randomizer.fields)
-            self._simulated.recompute_constants_of(self._randomizer.fields)
-        self._frames = Frames.of(pixels, self._simulated)
+            ours.randomizer = Randomizer(randomize, self._simulated)
+            check_not_randomized(task, ours.randomizer.fields)
+            self._simulated.recompute_constants_of(ours.randomizer.fields)
+        ours.frames = Frames.of(pixels, self._simulated)
         if faults is not None:
-            self._faults = self._with_faults(Faults.of(faults))
+            ours.faults = self.__with_faults(Faults.of(faults))
         if appearance is not None:
-            self._looks = Looks.for_physics(appearance, physics, 1, self.control_timestep())
-        self.reward_terms, self.randomization = {}, {}
+            ours.looks = Looks.for_physics(appearance, physics, 1, self.control_timestep())
 
-    def _with_faults(self, settings: Faults) -> FaultMemory:
+    def __with_faults(self, settings: Faults) -> FaultMemory:
         # An observation is computed only for its form: the task must not remember it.
+        ours = self._ours
         with stand_in(self._task, self._physics):
             observation = self._task.get_observation(self._physics)
         perturber = None
@@ -191,41 +222,42 @@ class Environment(dm_env.Environment):
             resolved = None if perturber is None else perturber.perturbation
             settings = dataclasses.replace(settings, perturbation=resolved)
         faults = FaultMemory(settings, self.action_spec(), observation, perturber=perturber)
-        if self._randomizer is not None:
-            twice = sorted({*faults.fields} & {*self._randomizer.fields})
+        if ours.randomizer is not None:
+            twice = sorted({*faults.fields} & {*ours.randomizer.fields})
             if twice:
                 raise ValueError(f"randomize and the perturbation both set {', '.join(twice)}")
         return faults
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
-        with self._use:
-            return self._begin()
+        with self._ours.use:
+            return self.__begin()
 
-    def _begin(self) -> dm_env.TimeStep:
-        self._check_open()
+    def __begin(self) -> dm_env.TimeStep:
+        ours = self._ours
+        self.__check_open()
         # True until the start is complete: an interrupted start must not be stepped.
         self._reset_next_step = True
-        if self._first is None:
-            self._first = self._first_values()
-        if self._randomizer is not None:
-            self.randomization = self._randomizer.draw(self._draw_stream())
-            self._simulated.simulation.set_fields(self.randomization)
-        if self._faults is not None:
-            self._simulated.simulation.set_fields(self._faults.begin(0, stream_of(self._task)))
-            self.randomization = {**self.randomization, **self._faults.drawn(0)}
-        if self._looks is not None:
-            self._looks.begin(0, stream_of(self._task))
-            self._put_on()
+        if ours.first is None:
+            ours.first = self._first_values()
+        if ours.randomizer is not None:
+            ours.randomization = ours.randomizer.draw(self.__draw_stream())
+            self._simulated.simulation.set_fields(ours.randomization)
+        if ours.faults is not None:
+            self._simulated.simulation.set_fields(ours.faults.begin(0, stream_of(self._task)))
+            ours.randomization = {**ours.randomization, **ours.faults.drawn(0)}
+        if ours.looks is not None:
+            ours.looks.begin(0, stream_of(self._task))
+            self.__put_on()
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
-            self._keep_own()
-            if self._randomizer is not None:  # the start may have set fields too
+            self.__keep_own()
+            if ours.randomizer is not None:  # the start may have set fields too
                 self._simulated.simulation.set_constants()
-        if self._frames is not None:
-            self._frames.forget()
-        observation = self._observe()
-        self._keep_own()
+        if ours.frames is not None:
+            ours.frames.forget()
+        observation = self.__observe()
+        self.__keep_own()
         self._step_count = 0
         self._reset_next_step = False
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
@@ -245,13 +277,13 @@ class Environment(dm_env.Environment):
             as `base.Task` does for another shape than (nu,); nothing was stepped.
           PhysicsError: the simulation diverged; the next step begins a new episode.
         """
-        use, thread = self._use, get_ident()
+        use, thread = self._ours.use, get_ident()
         if use.enter(thread) != thread:  # inlined `with use`, which takes 1 % of the step
             use.refuse(thread)
         try:
             if self._reset_next_step:
                 return self.reset()  # a subclass may define another one, as in dm_control
-            self._check_action(action)
+            self.__check_action(action)
             number = 0
             while True:
                 self._begin_control_step(action, number)
@@ -268,22 +300,23 @@ class Environment(dm_env.Environment):
     @property
     def _steps_in_parts(self) -> bool:
         """Whether `step` may be replaced by its parts, and that of the physics by its own."""
-        if self._frames is not None or "step" in vars(self):
+        if self._ours.frames is not None or "step" in vars(self):
             return False
         return getattr(self._physics, "can_step_in_parts", False)
 
     def _begin_control_step(self, action: object, number: int) -> None:
         """Begins a control step of an action, by its number: 0, or more if actions are repeated."""
-        task, faults = self._task, self._faults
+        ours = self._ours
+        task, faults = self._task, ours.faults
         if faults is not None:
             action = faults.act(getattr(action, "continuous_actions", action))
         task.before_step(action, self._physics)
         if faults is not None:
             faults.accept()
         if getattr(task, EPISODE_ATTRIBUTES, None):
-            self._keep_own()
-        if self._action_repeat != 1 and number == 0:  # the action was not refused
-            self._reward_so_far, self.reward_terms = 0.0, {}
+            self.__keep_own()
+        if ours.action_repeat != 1 and number == 0:  # the action was not refused
+            ours.reward_so_far, ours.reward_terms = 0.0, {}
         self._reset_next_step = True  # until the step is complete
 
     def _end_control_step(self, number: int) -> dm_env.TimeStep | None:
@@ -291,31 +324,32 @@ class Environment(dm_env.Environment):
 
         Rewards and their terms are summed over the steps of a repeated action.
         """
+        ours = self._ours
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
-        if self._faults is not None:
-            reward = self._faults.reward(reward)
-        if self._action_repeat == 1:
-            self.reward_terms = terms
+        if ours.faults is not None:
+            reward = ours.faults.reward(reward)
+        if ours.action_repeat == 1:
+            ours.reward_terms = terms
         else:
-            reward = self._reward_so_far = self._reward_so_far + reward
-            sums, self._last_terms = self.reward_terms, terms
-            self.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
+            reward = ours.reward_so_far = ours.reward_so_far + reward
+            sums, ours.last_terms = ours.reward_terms, terms
+            ours.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
         observation = task.get_observation(physics)
-        if self._faults is not None:
-            observation = self._faults.observe(observation)
+        if ours.faults is not None:
+            observation = ours.faults.observe(observation)
         self._step_count += 1
         at_limit = self._step_count >= self._step_limit
         ending = 1.0 if at_limit else task.get_termination(physics)
         if getattr(task, EPISODE_ATTRIBUTES, None):
-            self._keep_own()
+            self.__keep_own()
         # None or NaN: the episode continues.
         is_last = ending is not None and not np.all(ending != ending)
-        if not is_last and number + 1 < self._action_repeat:
+        if not is_last and number + 1 < ours.action_repeat:
             return None
-        if self._flat_observation or self._frames is not None:
-            observation = self._in_form(observation)
+        if self._flat_observation or ours.frames is not None:
+            observation = self.__in_form(observation)
         if is_last:
             return dm_env.TimeStep(_LAST, reward, ending, observation)
         self._reset_next_step = False
@@ -331,15 +365,16 @@ class Environment(dm_env.Environment):
 
     def observation_spec(self) -> Nested:
         """The task's observation spec, or else one derived from a current observation."""
+        ours = self._ours
         try:
             spec = self._task.observation_spec(self._physics)
-            if self._faults is not None:
-                spec = self._faults.specs_with(spec)
+            if ours.faults is not None:
+                spec = ours.faults.specs_with(spec)
         except NotImplementedError:
             # An observation is computed only for its form: the task must not remember it.
             with stand_in(self._task, self._physics):
-                spec = specs_of(self._seen())
-        return spec if self._frames is None else self._frames.spec_with(spec)
+                spec = specs_of(self.__seen())
+        return spec if ours.frames is None else ours.frames.spec_with(spec)
 
     @property
     def physics(self) -> Any:  # of the domain's own class
@@ -351,22 +386,39 @@ class Environment(dm_env.Environment):
         """The environment's task."""
         return self._task
 
-    @property
+    @overridable
+    def reward_terms(self) -> dict[str, Quantity]:
+        """Terms of the last step's reward, by name."""
+        return self._ours.reward_terms
+
+    @overridable
+    def randomization(self) -> dict[str, np.ndarray]:
+        """What was drawn for this episode, by field."""
+        return self._ours.randomization
+
+    @overridable
+    def registration(self) -> object:
+        """The suite's record of the domain; None unless `suite.load` made the environment."""
+        return self._ours.registration
+
+    @overridable
     def pixels(self) -> Pixels | None:
         """Options of the pixel observations; None without them."""
-        return None if self._frames is None else self._frames.pixels
+        ours = self._ours
+        return None if ours.frames is None else ours.frames.pixels
 
-    @property
+    @overridable
     def world(self) -> World | None:
         """The settings by which the world differs from the task's own; None if it does not.
 
         They are values of JSON, and accepted as keywords of an environment again.
         """
+        ours = self._ours
         world: dict[str, object] = {}
-        if self._faults is not None:
-            world["faults"] = self._faults.settings.as_json()
-        if self._looks is not None:
-            world["appearance"] = self._looks.as_json()
+        if ours.faults is not None:
+            world["faults"] = ours.faults.settings.as_json()
+        if ours.looks is not None:
+            world["appearance"] = ours.looks.as_json()
         return world or None
 
     def draw_every(self, steps: int) -> None:
@@ -375,8 +427,9 @@ class Environment(dm_env.Environment):
         It is for a loop that repeats an action by itself and wants one stacked picture per action.
         Snapshots do not contain the interval.
         """
-        if self._frames is not None:
-            self._frames.interval = at_least_one("steps", steps)
+        ours = self._ours
+        if ours.frames is not None:
+            ours.frames.interval = at_least_one("steps", steps)
 
     def control_timestep(self) -> float:
         """Time between two actions, seconds."""
@@ -384,33 +437,37 @@ class Environment(dm_env.Environment):
 
     @property
     def action_repeat(self) -> int:
-        """Control steps per action, at least 1."""
-        return self._action_repeat
+        """Control steps per action, at least 1; or what a subclass has assigned to this name."""
+        return vars(self).get("action_repeat", self._ours.action_repeat)
 
     @action_repeat.setter
     def action_repeat(self, repeat: int) -> None:
-        self._action_repeat = at_least_one("action_repeat", repeat)
+        if type(self) is Environment:
+            set_action_repeat(self, repeat)
+        else:  # a subclass for dm_control, which may repeat actions by itself
+            vars(self)["action_repeat"] = repeat
 
-    @property
+    @overridable
     def is_running(self) -> bool:
         """Whether the next step continues an episode; otherwise it begins one."""
         return not self._reset_next_step
 
-    @property
+    @overridable
     def timed_out(self) -> bool:
         """Whether the last step reached the time limit."""
         return self._reset_next_step and self._step_count >= self._step_limit
 
-    @property
+    @overridable
     def success(self) -> bool | None:
         """Whether the last step reached the goal; None for a task without a goal."""
-        terms: Mapping[str, Quantity] = self.reward_terms
-        if self._action_repeat != 1 and self._last_terms is not None:
-            terms = self._last_terms
+        ours = self._ours
+        terms: Mapping[str, Quantity] = ours.reward_terms
+        if ours.action_repeat != 1 and ours.last_terms is not None:
+            terms = ours.last_terms
         success = success_of(self._task, terms)
         return None if success is None else bool(success)
 
-    @property
+    @overridable
     def step_limit(self) -> int | None:
         """Steps per episode; None without a limit."""
         return math.ceil(self._step_limit) if math.isfinite(self._step_limit) else None
@@ -420,25 +477,28 @@ class Environment(dm_env.Environment):
 
         The task's EPISODE_ATTRIBUTES get the values from before the first episode.
         """
+        ours = self._ours
         for name, value in self._first_values().items():
             setattr(self._task, name, value)
-        if self._faults is not None:
-            self._faults.begin_again(0)
+        if ours.faults is not None:
+            ours.faults.begin_again(0)
         stream = np.random.RandomState(seed)
         set_stream_fields(self._task, stream, self._simulated.simulation)
-        self._task._random, self._seeded = stream, (stream, seed)
+        self._task._random, ours.seeded = stream, (stream, seed)
 
     def keep_as_first(self, name: str) -> None:
         """Makes `reseed` put back the present value of one of the task's EPISODE_ATTRIBUTES."""
-        if self._first is not None and name in self._first:
-            self._first = {**self._first, name: copy.deepcopy(getattr(self._task, name))}
+        ours = self._ours
+        if ours.first is not None and name in ours.first:
+            ours.first = {**ours.first, name: copy.deepcopy(getattr(self._task, name))}
 
-    def _keep_own(self) -> None:
-        keep_own(self._task, getattr(self._task, EPISODE_ATTRIBUTES, ()), self._first or {})
+    def __keep_own(self) -> None:
+        keep_own(self._task, getattr(self._task, EPISODE_ATTRIBUTES, ()), self._ours.first or {})
 
     def _first_values(self) -> dict[str, object]:
         """Copies of the task's EPISODE_ATTRIBUTES from before the first episode."""
-        return copy.deepcopy(values_of(self._task) if self._first is None else dict(self._first))
+        ours = self._ours
+        return copy.deepcopy(values_of(self._task) if ours.first is None else dict(ours.first))
 
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on; see `limberjack.rl.snapshot`.
@@ -447,14 +507,15 @@ class Environment(dm_env.Environment):
           TypeError: the task, or an environment with methods or attributes of its own, keeps
             something that cannot be copied.
         """
-        self._check_open()
+        ours = self._ours
+        self.__check_open()
         if difference(self) is not None:
             check_copies(self, are_seeded=False)
-            return Snapshot.of_copy(copied(self), self.registration, self._name)
-        with self._use:
+            return Snapshot.of_copy(copied(self), ours.registration, ours.name)
+        with ours.use:
             streams = [stream_of(self._task).get_state()]
-            if self._randomizer is not None:
-                streams.append(self._draw_stream().get_state())
+            if ours.randomizer is not None:
+                streams.append(self.__draw_stream().get_state())
             memory = remembered(self._task, self._physics)
             return Snapshot(
                 self._origin(),
@@ -462,11 +523,11 @@ class Environment(dm_env.Environment):
                 np.array([self._step_count]),
                 np.array([self._reset_next_step]),
                 [tuple(streams)],
-                self._saved_pictures(),
-                self.registration,
-                self._name,
+                self.__saved_pictures(),
+                ours.registration,
+                ours.name,
                 [memory] if memory else [],
-                faults={} if self._faults is None else self._faults.save(None),
+                faults={} if ours.faults is None else ours.faults.save(None),
             )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -480,39 +541,40 @@ class Environment(dm_env.Environment):
             version, is damaged, or is at or beyond the time limit; nothing was restored.
           PhysicsError: its state has diverged; the next step begins an episode.
         """
-        self._check_open()
-        if self._first is None:
-            self._first = self._first_values()
+        ours = self._ours
+        self.__check_open()
+        if ours.first is None:
+            ours.first = self._first_values()
         is_copy = bool(as_snapshot(snapshot).copies) or difference(self) is not None
         own = Snapshot.of_copy(self) if is_copy else self.snapshot()
         snapshot.check_all(own, 1, math.inf if is_copy else self._step_limit)
         if is_copy:
             kept = copied(snapshot.copies[0])
-            with self._use:
+            with ours.use:
                 vars(self).clear()
                 vars(self).update(vars(kept))
                 if snapshot.resets.any():
                     self._reset_next_step = True
             return
-        with self._use:
+        with ours.use:
             self._reset_next_step = True  # until it is complete
             self._simulated.simulation.load(snapshot.physics)
             stream_of(self._task).set_state(snapshot.streams[0][0])
-            self._seeded = (None, None)
-            if self._randomizer is not None:
-                self._draw_stream().set_state(snapshot.streams[0][1])
+            ours.seeded = (None, None)
+            if ours.randomizer is not None:
+                self.__draw_stream().set_state(snapshot.streams[0][1])
                 saved = snapshot.physics
-                self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
-            if self._frames is not None:
-                self._frames.load(snapshot.frames, None)
-            if self._looks is not None:
-                self._looks.load(snapshot.frames, None, [stream_of(self._task)])
-                self._put_on()
+                ours.randomization = {name: saved[name][0] for name in ours.randomizer.fields}
+            if ours.frames is not None:
+                ours.frames.load(snapshot.frames, None)
+            if ours.looks is not None:
+                ours.looks.load(snapshot.frames, None, [stream_of(self._task)])
+                self.__put_on()
             if snapshot.memory:
                 put_back(snapshot.memory[0], self._task, self._physics)
-            if self._faults is not None:
-                self._faults.load(snapshot.faults, None)
-                self.randomization = {**self.randomization, **self._faults.drawn(0)}
+            if ours.faults is not None:
+                ours.faults.load(snapshot.faults, None)
+                ours.randomization = {**ours.randomization, **ours.faults.drawn(0)}
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
 
@@ -537,27 +599,28 @@ class Environment(dm_env.Environment):
           RuntimeError: a mapping is given, and `reset` was not the last call.
           PhysicsError: the state diverges at once; the next step begins an episode.
         """
+        ours = self._ours
         if isinstance(state, Snapshot):
             self.restore(state)
             observation = self.present_observation()
             if self._step_count:
                 return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, observation)
             return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
-        self._check_open()
+        self.__check_open()
         checked = checked_state(state, state_sizes(self._physics))
-        with self._use:
+        with ours.use:
             if self._reset_next_step or self._step_count:
                 raise RuntimeError("no episode has just begun: call reset() before set_state()")
             self._reset_next_step = True  # until it is complete
             for name, values in checked.items():
                 getattr(self._simulated.data, name)[...] = values
             self._physics.after_reset()
-            if self._frames is not None:
-                self._frames.forget()
-            if self._faults is not None:
-                self._faults.forget(0)
-            observation = self._observe()
-            self._keep_own()
+            if ours.frames is not None:
+                ours.frames.forget()
+            if ours.faults is not None:
+                ours.faults.forget(0)
+            observation = self.__observe()
+            self.__keep_own()
             self._reset_next_step = False
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
@@ -566,38 +629,46 @@ class Environment(dm_env.Environment):
 
         With faults, it is the last one that was received.
         """
+        ours = self._ours
         with stand_in(self._task, self._physics):
-            observation = self._seen()
-        if self._frames is None:
+            observation = self.__seen()
+        if ours.frames is None:
             return observation
-        return self._frames.observe(self._simulated, observation, is_step=False)
+        return ours.frames.observe(self._simulated, observation, is_step=False)
 
     def description(self) -> Description:
         """The parts of the `repr`, also of an environment that is only half made."""
+        ours = self._ours
         task = getattr(self, "_task", None)
-        stream, seed = self._seeded
+        stream, seed = ours.seeded
         is_first = stream is not None and stream is getattr(task, "random", None)
         step = getattr(self, "_step_count", 0)
         begun = step or not getattr(self, "_reset_next_step", True)
-        name, limit = self._name or type(task).__name__, getattr(self, "_step_limit", math.inf)
+        name, limit = ours.name or type(task).__name__, getattr(self, "_step_limit", math.inf)
         return Description(name, None, [seed if is_first else None], [step] if begun else [], limit)
 
     def __repr__(self) -> str:
         return represented(self, self.description())
 
+    def __copy__(self) -> Self:
+        """Another environment of the same physics and task, as in dm_control."""
+        new = type(self).__new__(type(self))
+        vars(new).update(vars(self))
+        new._ours = dataclasses.replace(self._ours, use=OneUser("environment"))
+        return new
+
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
         exact_copies(self, memo)
         new = type(self).__new__(type(self))
         memo[id(self)] = new
-        kept = {name: value for name, value in vars(self).items() if name != "_use"}
-        vars(new).update(copy.deepcopy(kept, memo))
-        new._put_on()
+        vars(new).update(copy.deepcopy(vars(self), memo))
+        new.__put_on()
         return new
 
     def __getstate__(self) -> dict[str, object]:
         """State for an equal environment with the same current quantities."""
-        kept = {name: value for name, value in vars(self).items() if name != "_use"}
-        if self._closed or not hasattr(kept.get("_physics"), "become"):
+        kept = dict(vars(self))
+        if self._ours.is_closed or not hasattr(kept.get("_physics"), "become"):
             return kept
         # Unlike dm_control's copy of a physics, this keeps the solver's warm start. Any: `become`
         # says that it has a state, which `Physics` does not declare.
@@ -612,79 +683,85 @@ class Environment(dm_env.Environment):
             physics = kind.__new__(kind)
             physics.become(described)
             self._physics = physics
-        self._put_on()
+        self.__put_on()
 
     def _origin(self) -> dict[str, object]:
-        pixels = {} if self._frames is None else self._frames.origin()
-        return origin_of(self._task, self._simulated, self._saved_fields(), pixels, self.world)
+        ours = self._ours
+        pixels = {} if ours.frames is None else ours.frames.origin()
+        return origin_of(
+            self._task, self._simulated, self._saved_fields(), pixels, Environment.world.of(self)
+        )
 
-    def _put_on(self) -> None:
+    def __put_on(self) -> None:
         """Shows the look of the present episode in all pictures of the physics."""
-        if self._looks is not None and not self._closed:
-            self._simulated.simulation.look = self._looks.of(0)
+        ours = self._ours
+        if ours.looks is not None and not ours.is_closed:
+            self._simulated.simulation.look = ours.looks.of(0)
 
-    def _saved_pictures(self) -> dict[str, np.ndarray]:
+    def __saved_pictures(self) -> dict[str, np.ndarray]:
         """The stack of pictures, and what the look is drawn from, if there are any."""
-        frames = {} if self._frames is None else self._frames.save(None)
-        return frames if self._looks is None else {**frames, **self._looks.save(None)}
+        ours = self._ours
+        frames = {} if ours.frames is None else ours.frames.save(None)
+        return frames if ours.looks is None else {**frames, **ours.looks.save(None)}
 
     @property
     def _simulated(self) -> SimulatedPhysics:
         """The physics, typed with the larger interface that snapshots and randomisation need."""
         return cast(SimulatedPhysics, self._physics)
 
-    @functools.cached_property
-    def _use(self) -> OneUser:
-        # Created on first use, because programs subclass this class without calling `__init__`.
-        return OneUser("environment")
-
     def _saved_fields(self) -> tuple[str, ...]:
         """Model fields set per episode."""
-        randomized = self._randomizer.fields if self._randomizer is not None else ()
-        perturbed = self._faults.fields if self._faults is not None else ()
+        ours = self._ours
+        randomized = ours.randomizer.fields if ours.randomizer is not None else ()
+        perturbed = ours.faults.fields if ours.faults is not None else ()
         own = getattr(self._task, "EPISODE_FIELDS", ())
         return (*own, *randomized, *(name for name in perturbed if name not in own))
 
-    def _draw_stream(self) -> np.random.RandomState:
+    def __draw_stream(self) -> np.random.RandomState:
         """The stream from which model fields are drawn; replaced when the task's stream is."""
+        ours = self._ours
         random = stream_of(self._task)
-        if self._draws is None or self._draws[0] is not random:
-            self._draws = random, stream_beside(random)
-        return self._draws[1]
+        if ours.draws is None or ours.draws[0] is not random:
+            ours.draws = random, stream_beside(random)
+        return ours.draws[1]
 
     def close(self) -> None:
         """Frees the environment, which then raises if stepped; may be called repeatedly."""
-        if not self._closed:
-            self._closed = True
+        ours = self._ours
+        if not ours.is_closed:
+            ours.is_closed = True
             self._reset_next_step = True
             getattr(self._physics, "free", lambda: None)()
 
-    def _check_open(self) -> None:
-        if self._closed:
+    def __check_open(self) -> None:
+        if self._ours.is_closed:
             raise RuntimeError("this environment is closed: load or construct a new one")
 
-    def _observe(self) -> Mapping[str, Quantity]:
+    def __observe(self) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
+        ours = self._ours
         observation = self._task.get_observation(self._physics)
-        if self._faults is not None:
-            observation = self._faults.observe(observation)
-        return self._in_form(observation)
+        if ours.faults is not None:
+            observation = ours.faults.observe(observation)
+        return self.__in_form(observation)
 
-    def _in_form(self, state: Mapping[str, Quantity]) -> Mapping[str, Quantity]:
+    def __in_form(self, state: Mapping[str, Quantity]) -> Mapping[str, Quantity]:
         """The task's observation, flat if wanted, and with a new picture."""
+        ours = self._ours
         observation = flatten_observation(state) if self._flat_observation else state
-        if self._frames is None:
+        if ours.frames is None:
             return observation
-        return self._frames.observe(self._simulated, observation)
+        return ours.frames.observe(self._simulated, observation)
 
-    def _seen(self) -> Mapping[str, Quantity]:
+    def __seen(self) -> Mapping[str, Quantity]:
         """The task's observation, without pictures."""
+        ours = self._ours
         observation = self._task.get_observation(self._physics)
-        if self._faults is not None:
-            observation = self._faults.shown(observation)
+        if ours.faults is not None:
+            observation = ours.faults.shown(observation)
         return flatten_observation(observation) if self._flat_observation else observation
 
-    def _check_action(self, action: object) -> None:
+    def __check_action(self, action: object) -> None:
         """Raises unless the action is made of finite numbers; the task checks its shape.
 
         If the spec is a nested structure, the task checks everything.
@@ -704,8 +781,22 @@ class Environment(dm_env.Environment):
         action_specs.check_finite(given)
 
 
-# `_use` is created on first use.
-set_plain(Environment, frozenset(Environment.__annotations__) | {"_use"})
+def set_action_repeat(env: Environment, repeat: int) -> None:
+    """Sets the control steps per action, of any subclass."""
+    env._ours.action_repeat = at_least_one("action_repeat", repeat)
+
+
+def shown_by(env: object, name: str, default: object = None) -> Any:  # of the property's type
+    """The property `name` of an `Environment`, whatever a subclass or its user calls so.
+
+    Of any other object, such as a wrapper, it is the attribute of that name, or else `default`.
+    """
+    if isinstance(env, Environment):
+        return getattr(Environment, name).of(env)
+    return getattr(env, name, default)
+
+
+set_plain(Environment, frozenset(Environment.__annotations__))
 
 
 def compute_n_steps(

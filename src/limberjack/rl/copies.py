@@ -185,7 +185,7 @@ def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = Fal
     for path, value in reachable(env):
         if id(value) in views and not is_vectorised:
             raise _refused(env, path, f"is the {type(value).__name__} of its physics: keep physics")
-        may_share = is_vectorised or path.startswith("_randomizer")
+        may_share = is_vectorised or "_ours.randomizer" in path
         why = _why_shared(value, targets, may_share)
         if why is not None:
             raise _refused(env, path, why)

@@ -39,7 +39,8 @@ STREAMS = (np.random.RandomState, np.random.Generator, np.random.BitGenerator, r
 
 _MOST_OBJECTS = 100_000  # of a search; an environment with more holds data, not functions
 _INTERNAL = "limberjack.mujoco."  # objects without references to a user's
-_DERIVED = ("_seeded", "_draws")  # attributes of an environment with streams made from the task's
+# Of an environment: streams made from the task's, and what each copy makes for itself.
+_NOT_COPIED = ("_ours.seeded", "_ours.draws", "_ours.use")
 _C_MODULES = ("builtins", "itertools", "functools", "operator", "_operator", "collections")
 # Modules of views into a simulation, and the classes in them whose copies are complete.
 _PARTS_OF_SIMULATIONS = ("mujoco._structs", "limberjack.mujoco.index")
@@ -75,7 +76,7 @@ def attributes_of(owner: object) -> dict[str, object]:
     """
     own: Mapping[str, object] = getattr(owner, "__dict__", {})
     if _is_physics(owner):
-        return owner._attributes()  # pyright: ignore[reportAttributeAccessIssue] (as checked)
+        return owner._shared_attributes()  # pyright: ignore[reportAttributeAccessIssue] (as checked)
     cached, slots = _declared_by(type(owner))
     found = {name: value for name, value in own.items() if name not in cached}
     found |= {name: getattr(owner, name) for name in slots if hasattr(owner, name)}
@@ -96,7 +97,9 @@ def _declared_by(cls: type) -> tuple[frozenset[str], tuple[str, ...]]:
 
 def _is_physics(value: object) -> bool:
     # By its class, because a mock has any attribute.
-    return "_simulation" in getattr(value, "__dict__", {}) and hasattr(type(value), "_attributes")
+    return "_simulation" in getattr(value, "__dict__", {}) and hasattr(
+        type(value), "_shared_attributes"
+    )
 
 
 def reachable(root: object) -> Iterator[tuple[str, object]]:
@@ -254,8 +257,9 @@ def _parts(path: str, value: object) -> Iterator[tuple[str, object]]:
         yield from ((_joined(path, name), part) for name, part in attributes_of(value).items())
     elif not type(value).__module__.startswith((_INTERNAL, "mujoco.")):
         for name, part in attributes_of(value).items():
-            if name not in _DERIVED:
-                yield _joined(path, name), part
+            joined = _joined(path, name)
+            if not joined.endswith(_NOT_COPIED):
+                yield joined, part
         if type(value).__module__ in _C_MODULES:  # such as a map, which holds its function
             yield from ((path, part) for part in gc.get_referents(value))
 

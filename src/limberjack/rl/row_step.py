@@ -82,7 +82,7 @@ class RowStep:
             self.discount[row] = self._number("discount", time_step.discount)
         if step_type == _LAST:
             is_one = self.discount[row] == 1.0
-            self.timed_out[row] = is_one if plain is None else plain.timed_out
+            self.timed_out[row] = is_one if plain is None else Environment.timed_out.of(plain)
         given = time_step.observation
         if type(given) is not collections.OrderedDict:
             given = as_mapping(given)
@@ -134,8 +134,8 @@ class RowStep:
         """
         self.steps[row] = plain._step_count - steps_before
         self.diverge(row)
-        if plain.action_repeat != 1:
-            self.add_reward(row, plain._reward_so_far)
+        if plain._ours.action_repeat != 1:
+            self.add_reward(row, plain._ours.reward_so_far)
 
     def _other_names(self, given: Mapping[str, object]) -> ValueError:
         return ValueError(
@@ -241,7 +241,7 @@ class _Phases:
     def _begin(self, row: int) -> bool:
         env = self._environments[row]
         if self._number == 0:
-            self._enter(env._use)
+            self._enter(env._ours.use)
         env._begin_control_step(self._actions[row], self._number)
         self._physics[row] = env.physics.step_in_parts(env._n_sub_steps)
         return True

@@ -66,7 +66,8 @@ class Form:
         Raises:
           TypeError, ValueError: its actions or observations are of another kind than arrays.
         """
-        repeat: int = getattr(control_of(env), "action_repeat", 1)
+        inner = control_of(env)
+        repeat = inner._ours.action_repeat if isinstance(inner, Environment) else 1
         observed = observation_specs(env, name)
         return cls(spec_of(env), observed, control_timestep_of(env), repeat)
 

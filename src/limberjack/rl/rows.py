@@ -49,7 +49,7 @@ from limberjack.rl.builds import (
     task_name,
 )
 from limberjack.rl.contract import PhysicsError
-from limberjack.rl.control import Environment
+from limberjack.rl.control import Environment, set_action_repeat, shown_by
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.pixels import Pixels
@@ -277,7 +277,7 @@ class RowsEnvironment(Batch):
             in_parts = {
                 row: env
                 for row, env in self._in_parts(rows).items()
-                if env.is_running and not begins[row]
+                if Environment.is_running.of(env) and not begins[row]
             }
             errors = self._each(step, [row for row in rows if row not in in_parts])
             if in_parts and not interrupts(errors):
@@ -343,7 +343,7 @@ class RowsEnvironment(Batch):
                 return
             found.take(row, time_step, plain)
             if repeat > 1:
-                terms.update(getattr(env, "reward_terms", {}))
+                terms.update(shown_by(env, "reward_terms", {}))
             if isinstance(inner, Environment):
                 found.steps[row] = inner._step_count - before
             else:
@@ -480,8 +480,10 @@ class RowsEnvironment(Batch):
     @property
     def reward_terms(self) -> dict[str, Quantity]:
         """See `Batch`."""
-        of_rows = [
-            self._summed_terms.get(row, getattr(env, "reward_terms", {}))
+        of_rows: list[Mapping[str, Quantity]] = [
+            self._summed_terms[row]
+            if row in self._summed_terms
+            else shown_by(env, "reward_terms", {})
             for row, env in enumerate(self.environments)
         ]
         without = (self._steps == 0) | self.diverged  # may have none
@@ -495,7 +497,7 @@ class RowsEnvironment(Batch):
     @property
     def success(self) -> np.ndarray | None:
         """See `Batch`."""
-        of_rows = [getattr(env, "success", None) for env in self.environments]
+        of_rows = [shown_by(env, "success") for env in self.environments]
         if all(one is None for one in of_rows):
             return None
         return np.array([bool(one) for one in of_rows])
@@ -505,13 +507,13 @@ class RowsEnvironment(Batch):
         """See `Batch`."""
         shown: dict[str, np.ndarray] = {}
         for row, env in enumerate(self.environments):
-            show_drawn(shown, getattr(env, "randomization", {}), row, self.num_envs)
+            show_drawn(shown, shown_by(env, "randomization", {}), row, self.num_envs)
         return shown
 
     @property
     def pixels(self) -> Pixels | None:
         """See `Batch`."""
-        return getattr(self.environments[0], "pixels", None)
+        return shown_by(self.environments[0], "pixels")
 
     def control_timestep(self) -> float:
         """See `Batch`."""
@@ -586,7 +588,7 @@ class RowsEnvironment(Batch):
         """Makes a plain environment repeat actions by itself; of others `step` is repeated."""
         inner = control_of(self._rows[row].environment)
         if isinstance(inner, Environment):
-            inner.action_repeat = self._action_repeat if self._rows[row].is_plain else 1
+            set_action_repeat(inner, self._action_repeat if self._rows[row].is_plain else 1)
             inner.draw_every(self._draw_interval)
 
     @staticmethod
@@ -694,7 +696,7 @@ def _inside(env: dm_env.Environment) -> Environment:
 def _begins_if_stepped(env: dm_env.Environment) -> bool:
     """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
     inner = control_of(env)
-    return not (isinstance(inner, Environment) and inner.is_running)
+    return not (isinstance(inner, Environment) and Environment.is_running.of(inner))
 
 
 def _checked_contexts(

@@ -190,7 +190,7 @@ def load(
                 f"action_repeat is {action_repeat}, but {domain_name}:{task_name} makes an "
                 f"environment of its own kind: {why}; use load_batch, or call step repeatedly"
             )
-        environment.action_repeat = action_repeat
+        control.set_action_repeat(environment, action_repeat)
     return environment
 
 
@@ -429,9 +429,9 @@ def build_environment(
         ) from None
     inner = control_of(environment)  # a registered factory may return a wrapper
     if isinstance(inner, control.Environment):
-        inner.registration = registration_of(domain_name)
-        inner._name = where
-        inner._seeded = getattr(inner.task, "random", None), kwargs.get("random")
+        inner._ours.registration = registration_of(domain_name)
+        inner._ours.name = where
+        inner._ours.seeded = getattr(inner.task, "random", None), kwargs.get("random")
         inner.task.visualize_reward = visualize_reward
     return environment
 

@@ -301,7 +301,7 @@ def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None
     if isinstance(inner, control.Environment):
         wrong = _task_problems(inner)
         dof = getattr(getattr(inner.physics, "model", None), "nv", 0)
-        steps = inner.step_limit
+        steps = control.Environment.step_limit.of(inner)
     problems += [f"the task of {task} has {what}" for what in wrong]
     tags = tuple(tag for tag in suite.tags() if task in suite.tagged(tag))
     environment.close()

@@ -22,7 +22,7 @@ import numpy as np
 
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
-from limberjack.rl.control import Environment, PhysicsError
+from limberjack.rl.control import Environment, PhysicsError, shown_by
 from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
@@ -373,7 +373,7 @@ class Session:
         terms = self._terms()
         is_success = getattr(self._task, "is_success", None)
         goal = getattr(self._task, "GOAL", ())
-        limit = getattr(self._environment, "step_limit", None)
+        limit = shown_by(self._environment, "step_limit")
         return Status(
             episode=self._episodes,
             seed=self._episode_seed,

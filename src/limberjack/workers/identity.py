@@ -59,15 +59,15 @@ def identity_of(
     """
     inner = control_of(environment)
     assert isinstance(inner, Environment)
-    limit, control_timestep = inner.step_limit, inner.control_timestep()
+    limit, control_timestep = Environment.step_limit.of(inner), inner.control_timestep()
     facts: dict[str, object] = {
         **factory.facts,
         "policy": actor.name,
         "policy_sha256": actor.sha256,
         "time_limit": None if limit is None else limit * control_timestep,
         "control_timestep": control_timestep,
-        "action_repeat": inner.action_repeat if action_repeat is None else action_repeat,
-        "world": inner.world,
+        "action_repeat": inner._ours.action_repeat if action_repeat is None else action_repeat,
+        "world": Environment.world.of(inner),
         "versions": versions(),
         "fingerprint": fingerprint(inner.physics.model._model),
     }

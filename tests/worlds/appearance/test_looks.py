@@ -197,7 +197,7 @@ def test_a_snapshot_of_another_appearance_is_refused() -> None:
 
 def test_a_new_stream_begins_anew_and_an_old_one_goes_on() -> None:
     env = _single(pixels=None)
-    looks: Looks = env._looks  # pyright: ignore[reportAssignmentType]
+    looks: Looks = env._ours.looks  # pyright: ignore[reportAssignmentType]
     env.reset()
     first = looks.save(None)
     env.reset()

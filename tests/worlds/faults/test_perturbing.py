@@ -94,7 +94,7 @@ def test_an_episode_without_its_perturbation_has_the_tasks_model_and_its_start()
     own = suite.load("manipulator", "bring_ball", {"random": 0}).physics.model.body_pos.copy()
     env.reset()
     model = env.physics.model
-    found = env._faults.unperturbed({"body_pos": model.body_pos[None], "time": np.ones(1)})
+    found = env._ours.faults.unperturbed({"body_pos": model.body_pos[None], "time": np.ones(1)})
     target, hand = (model.name2id(name, "body") for name in ("target_ball", "hand"))
     assert (found["body_pos"][0, target] == model.body_pos[target]).all()
     assert (model.body_pos[hand] != own[hand]).any()
@@ -102,7 +102,10 @@ def test_an_episode_without_its_perturbation_has_the_tasks_model_and_its_start()
     np.testing.assert_array_equal(found["body_pos"][0], own)
     assert found["time"] == 1
     plain: Any = suite.load("reacher", "easy", faults="easy")
-    assert (plain._faults.nominal, plain._faults.unperturbed({"a": own})["a"] is own) == ({}, True)
+    assert (plain._ours.faults.nominal, plain._ours.faults.unperturbed({"a": own})["a"] is own) == (
+        {},
+        True,
+    )
 
 
 def test_a_challenge_that_does_not_perturb_a_task_leaves_it() -> None:

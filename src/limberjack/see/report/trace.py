@@ -17,7 +17,7 @@ import dm_env
 import numpy as np
 
 from limberjack.rl.action_specs import as_numbers
-from limberjack.rl.control import Environment
+from limberjack.rl.control import Environment, shown_by
 from limberjack.see.report.labels import Labels, labels_of
 
 __all__ = ["Step", "Trace"]
@@ -71,7 +71,7 @@ class Trace:
             self.labels = labels_of(self._environment)
         if step.number % self._stride:
             return
-        terms = self._environment.reward_terms if step.number else {}
+        terms = shown_by(self._environment, "reward_terms", {}) if step.number else {}
         self._steps.append(step.number)
         self._rewards.append(step.reward if step.number else np.nan)
         self._terms.append({name: float(value) for name, value in terms.items()})
