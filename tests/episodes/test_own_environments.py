@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import data
+from limberjack import data, suite
 from limberjack.data import Kept
 from limberjack.episodes.films import record
 from limberjack.evaluation import evaluate
@@ -102,6 +102,25 @@ def test_a_dataset_names_its_function_and_runs_nothing_by_that_name(tmp_path: Pa
         data.replay(dataset)
     with pytest.raises(ValueError, match="noisy is not the function that made the episodes' envir"):
         data.replay(dataset, noisy)
+
+
+def test_a_dataset_of_a_domain_whose_source_has_changed_does_not_grow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, out = tmp_path / "growing_domain.py", tmp_path / "out"
+    module.write_text("from tests.plain_domain import SUITE\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    suite.register("growing", "growing_domain")
+    try:
+        for count in (1, 2):
+            data.collect("growing", "push", "zero", range(count), out=out, num_threads=1)
+        dataset = data.load(out)
+        assert (len(dataset), data.replay(dataset, num_threads=1)) == (2, None)
+        module.write_text("from tests.plain_domain import SUITE  # otherwise\n")
+        with pytest.raises(ValueError, match="domain_sha256 is '"):
+            data.collect("growing", "push", "zero", range(3), out=out, num_threads=1)
+    finally:
+        suite.unregister("growing")
 
 
 def test_what_cannot_be_named_is_not_kept(tmp_path: Path) -> None:

@@ -195,6 +195,36 @@ def test_a_policy_whose_source_has_changed_is_another_policy(
         _evaluate("changing_policy:act", out=tmp_path / "out")
 
 
+def test_a_domain_whose_source_has_changed_is_another_domain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tmp_path / "changing_domain.py"
+    module.write_text("from tests.plain_domain import SUITE\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    suite.register("changing", "changing_domain")
+    try:
+        for workers in (None, 1):
+            evaluate("changing", "push", "zero", range(2), out=tmp_path / "out", workers=workers)
+        assert re.fullmatch("[0-9a-f]{64}", _result(tmp_path / "out")["domain_sha256"])
+        module.write_text("from tests.plain_domain import SUITE  # otherwise\n")
+        with pytest.raises(ValueError, match="holds an evaluation with domain_sha256 '"):
+            evaluate("changing", "push", "zero", range(3), out=tmp_path / "out")
+    finally:
+        suite.unregister("changing")
+
+
+def test_a_domain_without_a_file_is_evaluated_but_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    typed = types.ModuleType("tests.plain_domain")  # not the imported one of that name
+    monkeypatch.setattr(typed, "SUITE", plain_domain.SUITE, raising=False)
+    monkeypatch.setitem(suite._DOMAINS, "typed", typed)
+    assert evaluate("typed", "push", "zero", range(2)).facts["domain"] == "typed"
+    with pytest.raises(ValueError, match="the module of 'typed' has no file, so a change"):
+        evaluate("typed", "push", "zero", range(2), out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_policy_in_a_package_is_hashed_with_all_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

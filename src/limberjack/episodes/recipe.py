@@ -135,9 +135,10 @@ class Recipe:
     """The task, the policy, what is kept of a step, and the versions.
 
     Attributes:
-      facts: `domain` and `task`, or `environment` and `environment_sha256`; `policy`,
-        `policy_sha256`, `time_limit` and `control_timestep` in seconds, `action_repeat`,
-        `versions` (pyarrow's too) and `fingerprint`; and `world` if that is not the suite's.
+      facts: `domain` and `task`, with `domain_sha256` if the domain is not the suite's; or
+        `environment` and `environment_sha256`. Then `policy`, `policy_sha256`, `time_limit` and
+        `control_timestep` in seconds, `action_repeat`, `versions` (pyarrow's too) and
+        `fingerprint`; and `world` if that is not the suite's.
       kept: what is kept of each step.
       columns: of the files, in order.
       file_mb: megabytes of a file before compression; None for format 1.
@@ -470,8 +471,8 @@ def _checked_facts(content: dict[str, Any]) -> Facts:
     """The facts; raises ValueError if one is missing, unknown or of another kind."""
     where = _WHERE[0] if "domain" in content else _WHERE[1]
     kinds = {**where, **_FACTS}
-    if "world" in content:
-        kinds["world"] = dict
+    optional = {"world": dict, **({"domain_sha256": str} if "domain" in content else {})}
+    kinds |= {name: kind for name, kind in optional.items() if name in content}
     if content.keys() != kinds.keys():
         raise ValueError(f"its facts are {sorted(content)}; expected {sorted(kinds)}")
     for name, kind in kinds.items():

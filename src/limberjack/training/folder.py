@@ -28,6 +28,7 @@ __all__ = ["POLICY", "Folder", "opened"]
 
 POLICY = "policy.safetensors"
 _IDENTITY = "training.json"
+_LATER = {"world": None, "domain_sha256": None}  # entries of the identity that early runs lack
 _UNFINISHED = re.compile(r"\.\w+\.[0-9a-f]{16}\.\w+")  # see `utils.files.Partial`
 
 
@@ -119,8 +120,7 @@ def _check(path: Path, identity: Mapping[str, object]) -> None:
         return
     try:
         found = json.loads(read_regular(path))
-        # Runs that began before there were worlds lack the entry.
-        kept = {name: {"world": None, **found}[name] for name in identity}
+        kept = {name: {**_LATER, **found}[name] for name in identity}
     except (ValueError, KeyError, TypeError):
         raise ValueError(f"{path} is damaged: choose another folder") from None
     difference = first_difference(identity, kept)

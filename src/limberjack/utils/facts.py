@@ -5,7 +5,7 @@ title_of(facts)     # 'humanoid walk'
 """
 
 from collections.abc import Mapping
-from typing import TypedDict
+from typing import NotRequired, TypedDict
 
 __all__ = ["Facts", "title_of"]
 
@@ -14,9 +14,11 @@ class Facts(TypedDict):
     """The environments, the policy, and all else that episodes depend on except for their seeds.
 
     Attributes:
-      domain, task: of the suite; absent for a user's own environments.
+      domain, task: of the suite, or registered; absent for a user's own environments.
+      domain_sha256: the hash of a registered domain's module, if that is known; absent for the
+        suite's, and in results of earlier versions.
       environment, environment_sha256: the function that makes these, and the hash of its source,
-        if that is known; absent for those of the suite.
+        if that is known; absent for those of a domain.
       policy, policy_sha256: its name, and the hash of its source or file, if that is known.
       time_limit: seconds of an episode; None without one.
       control_timestep: seconds.
@@ -28,6 +30,7 @@ class Facts(TypedDict):
 
     domain: str
     task: str
+    domain_sha256: NotRequired[str | None]
     environment: str
     environment_sha256: str | None
     policy: str

@@ -6,23 +6,25 @@
     factory.facts       # {"environment": "my_package:make", "environment_sha256": "..."}
 
 `evaluate`, `record` and `bench.measure` take either. A function is identified by its module, its
-name and the hash of its package. A lambda, a function within a function, a partial or an object
+name and the hash of its package, and a domain that is not the suite's by its name and the hash of
+its module's package. A lambda, a function within a function, a partial or an object
 with `__call__` depends on more than its source: it has no hash, so its results cannot be kept.
 """
 
 import dataclasses
+import sys
 from collections.abc import Callable
 
 import dm_env
 
-from limberjack import suite
+from limberjack import registry, suite
 from limberjack.policies import name_of
 from limberjack.policies.kinds import Locating
 from limberjack.rl.batches import vectorisable
 from limberjack.rl.builds import Build, takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
-from limberjack.utils.sources import defined_in, hash_of_source, imported
+from limberjack.utils.sources import defined_in, hash_of_module, hash_of_source, imported
 from limberjack.worlds import World
 
 __all__ = ["Factory", "Make", "factory_of"]
@@ -37,8 +39,8 @@ class Factory:
 
     Attributes:
       title: its name in pictures and messages.
-      facts: its identity in results: `domain` and `task`, or `environment` and
-        `environment_sha256`.
+      facts: its identity in results: `domain` and `task`, with `domain_sha256` unless the domain is
+        the suite's; or `environment` and `environment_sha256`.
       make: makes an environment whose first episode belongs to the seed; raises ValueError if there
         is no such domain, task or time limit, and TypeError if the function makes something else.
       time_limit: seconds per episode; None for the task's own.
@@ -102,6 +104,7 @@ def factory_of(
 
     Raises:
       TypeError: arguments are missing or too many, or the function takes no seed.
+      ValueError: there is no such domain, or its module cannot be imported.
     """
     if isinstance(domain, dm_env.Environment):
         _refuse_beside(type(domain).__name__, task, time_limit, world)
@@ -146,5 +149,15 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None, world: World
     def make(seed: int) -> dm_env.Environment:
         return suite.load(domain, task, {"random": checked_seed(seed), **more}, of_environment)
 
-    facts: dict[str, str | None] = {"domain": domain, "task": task}
+    facts = {"domain": domain, "task": task, **_source_of(domain)}
     return Factory(f"{domain} {task}", facts, make, time_limit, world)
+
+
+def _source_of(domain: str) -> dict[str, str | None]:
+    """The hash of a domain's module, by name; empty for the suite's, which versions identify."""
+    known = registry.domains().get(domain)
+    if known is not None and known.source == "suite":
+        return {}
+    module = suite.module_of(domain)
+    is_imported = sys.modules.get(module.__name__) is module
+    return {"domain_sha256": hash_of_module(module.__name__) if is_imported else None}
