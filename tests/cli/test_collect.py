@@ -63,6 +63,17 @@ def test_a_set_has_a_dataset_for_each_task(tmp_path: Path) -> None:
     assert len(load(tmp_path / "point_mass-easy")) == 2
 
 
+def test_a_mistake_in_the_second_task_of_a_set_is_one_line_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / "point_mass-easy").mkdir()
+    (tmp_path / "point_mass-easy" / "dataset.json").write_text("mine")
+    options = ["--time-limit", "0.2", "--threads", "1", "--episodes", "2", "--out", str(tmp_path)]
+    result = invoke("collect", "--set", "pendulum:swingup,point_mass:easy", *options)
+    assert result.exit_code == 1
+    assert result.stderr.startswith(f"limberjack: point_mass easy: {tmp_path}/point_mass-easy/data")
+    assert result.stderr.count("\n") == 1
+    assert len(load(tmp_path / "pendulum-swingup")) == 2
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

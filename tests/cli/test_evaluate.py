@@ -291,6 +291,26 @@ def test_a_set_has_a_row_for_each_task_and_the_aggregate_score(tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("small_set")
+def test_a_mistake_in_the_second_task_of_a_set_is_one_line_that_names_it(tmp_path: Path) -> None:
+    folder = tmp_path / "run-1" / "pendulum-swingup"
+    command = ["evaluate", "--set", "dmc-sparse", "--threads", "1", "--out", str(tmp_path)]
+    assert _invoke(*command).exit_code == 0
+    for task in ("cartpole-balance_sparse", "pendulum-swingup"):
+        for path in (tmp_path / "run-1" / task).iterdir():
+            path.unlink()
+    (folder / "episodes.jsonl").write_text("mine\n")
+    result = _invoke(*command)
+    assert result.exit_code == 1
+    assert result.stderr.startswith(f"limberjack: pendulum swingup: {folder}/episodes.jsonl does ")
+    assert "; 4 of 8 episodes finished, and are kept in " in result.stderr
+    assert result.stderr.count("\n") == 1
+    (tmp_path / "set.json").write_text("[" * 100_000)
+    result = _invoke(*command)
+    assert result.exit_code == 2
+    assert "set.json is no result of this command" in result.stderr
+
+
+@pytest.mark.usefixtures("small_set")
 def test_tasks_that_lack_a_policy_are_printed_as_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,6 +11,8 @@ from limberjack.evaluation import evaluate, protocol, statistics
 from limberjack.evaluation.protocol import TaskScores, episodes_of, evaluate_set
 from limberjack.policies import PolicyError, mlp
 from limberjack.registry.sets import TaskSet
+from limberjack.worlds.appearance import Appearance
+from limberjack.worlds.faults import Faults
 
 _FAST = TaskSet("fast", (("cartpole", "balance"), ("pendulum", "swingup")), "this test")
 
@@ -206,12 +208,42 @@ def test_a_world_is_that_of_all_tasks_and_part_of_the_results(tmp_path: Path) ->
     tasks, out = TaskSet("one", (("cartpole", "balance"),), "this test"), tmp_path / "out"
     world = {"appearance": "color_hard"}
     found = evaluate_set(tasks, "zero", out=out, num_threads=1, world=world)
-    assert found.as_json()["world"] == world
+    assert found.as_json()["world"] == {"appearance": {"palette": 0.2}}
     facts = json.loads((out / "run-1" / "cartpole-balance" / "result.json").read_text())
     assert facts["world"] == {"appearance": {"palette": 0.2}}
     for other in (None, {"appearance": "color_easy"}):
         with pytest.raises(ValueError, match=r"world .*, and this one has"):
             evaluate_set(tasks, "zero", out=out, num_threads=1, world=other)
+
+
+@pytest.mark.parametrize(
+    ("one", "another"),
+    [
+        ({"faults": "easy"}, {"faults": Faults.of("easy")}),
+        ({"faults": {"dummies": 3}}, {"faults": Faults(dummies=3), "appearance": None}),
+        (
+            {"appearance": {"colors": 0.1, "dynamic": ("camera", "colors")}},
+            {"appearance": Appearance.of({"colors": "easy", "dynamic": ["camera", "colors"]})},
+        ),
+    ],
+    ids=["an object", "None", "a tuple"],
+)
+def test_a_world_is_the_same_in_any_form(
+    one: dict[str, object], another: dict[str, object], tmp_path: Path
+) -> None:
+    tasks = TaskSet("one", (("cartpole", "balance"),), "this test")
+    found = [evaluate_set(tasks, "zero", out=tmp_path, world=world) for world in (one, another)]
+    assert found[0] == found[1]
+    assert json.loads((tmp_path / "set.json").read_text())["world"] == found[0].world
+
+
+def test_the_steps_of_an_episode_are_those_of_the_longest_one_of_all_runs() -> None:
+    runs = [
+        evaluate("cartpole", "balance", "zero", [0], time_limit=seconds, num_threads=1)
+        for seconds in (0.1, 0.3, 0.2)
+    ]
+    scores = protocol._scores_of("cartpole", "balance", runs)
+    assert (scores.control_steps, scores.agent_steps) == (30, (30, 30, 30))
 
 
 def test_the_policies_of_a_set_must_fit_its_world() -> None:

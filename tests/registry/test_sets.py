@@ -100,6 +100,35 @@ def test_names_pairs_and_sets_are_tasks() -> None:
     assert sets.find(own) is own
 
 
+class _OtherError(ValueError):
+    pass
+
+
+def _fail_later(on_progress: Any) -> None:
+    with sets.refusals_named("walker", "walk", on_progress) as show:
+        show("zero", 3, 0.5)
+        raise ValueError("no number")
+
+
+def test_a_task_is_named_that_is_refused_before_its_first_step() -> None:
+    calls: list[tuple[str, int, float]] = []
+
+    def count(*call: Any) -> None:
+        calls.append(call)
+
+    with (
+        pytest.raises(sets.SetError, match=r"^walker walk: no folder$") as caught,
+        sets.refusals_named("walker", "walk", count),
+    ):
+        raise ValueError("no folder")
+    assert type(caught.value.__cause__) is ValueError
+    with pytest.raises(_OtherError, match=r"^other$"), sets.refusals_named("walker", "walk", count):
+        raise _OtherError("other")
+    with pytest.raises(ValueError, match=r"^no number$"):
+        _fail_later(count)
+    assert calls == [("zero", 3, 0.5)]
+
+
 @pytest.mark.parametrize(
     ("tasks", "error", "message"),
     [

@@ -150,6 +150,7 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
       done: the number of episodes that are complete, and how to continue, in words.
     """
     from limberjack.policies import PolicyError
+    from limberjack.registry.sets import SetError
     from limberjack.rl.control import PhysicsError
     from limberjack.workers import WorkError
 
@@ -160,7 +161,7 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
         raise typer.Exit(INTERRUPTED) from None
     except Exception as error:
         begun = progress.finished is not None
-        expected = (PolicyError, PhysicsError, WorkError, OSError)
+        expected = (PolicyError, PhysicsError, WorkError, SetError, OSError)
         if isinstance(error, expected if begun else (*expected, ValueError)):
             sentence = worded(error)
         else:

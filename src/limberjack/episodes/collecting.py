@@ -37,7 +37,7 @@ from limberjack.episodes.recipe import FILE_MB, Recipe, recipe_of
 from limberjack.episodes.repairing import set_aside
 from limberjack.episodes.writing import FILE, LIST, PART, Order, Unseen, work
 from limberjack.policies import PolicyError
-from limberjack.registry.sets import Tasks, tasks_of
+from limberjack.registry.sets import Tasks, refusals_named, tasks_of
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, OnState, Scale, State, Unit
@@ -160,7 +160,8 @@ def collect_set(
     Raises:
       ValueError, PolicyError: there is no such set or task, or a task has no policy or no time
         limit. Nothing was played.
-      Exception: any that `collect` raises; the datasets of tasks before are complete.
+      SetError: the folder of a task holds something else, or its episodes cannot be collected.
+      Exception: any that `collect` raises. The datasets of tasks before are complete.
     """
     pairs, wanted, place = tasks_of(tasks), checked_seeds(seeds), absolute(str(out))
     how = kwargs.get("time_limit"), kwargs.get("world")
@@ -180,7 +181,8 @@ def collect_set(
                 on_progress(what, before + finished, part)
 
         folder = place / f"{domain}-{task}"
-        collect(domain, task, of_task, wanted, out=str(folder), on_progress=show, **kwargs)
+        with refusals_named(domain, task, show) as shown:
+            collect(domain, task, of_task, wanted, out=str(folder), on_progress=shown, **kwargs)
         folders[domain, task] = folder
     return folders
 

@@ -24,6 +24,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -34,11 +35,13 @@ from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
 from limberjack.policies import PolicyError
 from limberjack.registry import sets
-from limberjack.registry.sets import Tasks, TaskSet
+from limberjack.registry.sets import Tasks, TaskSet, refusals_named
 from limberjack.rl.control import Environment
 from limberjack.utils.files import replacing
 from limberjack.workers import OnProgress
 from limberjack.worlds import World
+from limberjack.worlds.appearance import Appearance, Looks
+from limberjack.worlds.faults import Faults
 
 __all__ = [
     "SUMMARY",
@@ -76,7 +79,7 @@ class TaskScores:
     task: str
     returns: tuple[float, ...]  # the mean return of each run
     action_repeats: tuple[int, ...]  # control steps per action of each run
-    control_steps: int  # of an episode
+    control_steps: int  # of the longest episode of all runs
     floors: Mapping[str, float]  # the mean return of zero and of random actions
 
     @property
@@ -99,7 +102,7 @@ class SetEvaluation:
     tasks: tuple[TaskScores, ...]  # those that all runs have
     missing: Mapping[_Task, str]  # the other tasks of the set, each with the reason
     versions: Mapping[str, str]  # of the packages
-    world: World | None = None  # options in which the tasks' world differs from the suite's
+    world: World | None = None  # settings by which the world differs from the suite's, as JSON
     files: tuple[Path, ...] = ()  # files that were written
 
     @property
@@ -181,25 +184,27 @@ def evaluate_set(
 
     Raises:
       ValueError: there is no such set, or no run, or the folder holds other results.
+      SetError: the folder of a task does; episodes of tasks before stay.
       PolicyError: a run has no policy for any task; or a policy returned no valid action.
       WorkError, OSError: as `evaluate`.
     """
     chosen, given = _chosen(task_set, runs)
     names = tuple(map(_name_of, given))
     directory = None if out is None else Path(out).absolute()
+    settings = _settings_of(world)
     if directory is not None:
-        _check_folder(directory, _asked_for(chosen, names, world))
+        _check_folder(directory, _asked_for(chosen, names, settings))
     plans, missing = _planned(chosen, given, world)
     if directory is not None and not (directory / SUMMARY).exists():
-        _write(directory / SUMMARY, _asked_for(chosen, names, world))
+        _write(directory / SUMMARY, _asked_for(chosen, names, settings))
     count = _Counting(on_progress, len(missing) * _episodes(given))
     found: dict[_Task, list[Evaluation]] = {task: [] for task in plans}
     for (domain, task), plan in plans.items():
         for number, run in enumerate(given):
             name = f"run-{number + 1}"
             folder = None if directory is None else directory / name / f"{domain}-{task}"
-            found[domain, task].append(
-                evaluate(
+            with refusals_named(domain, task, count.show) as show:
+                of_run = evaluate(
                     domain,
                     task,
                     plan.policies[number],
@@ -213,14 +218,14 @@ def evaluate_set(
                     ray=ray,
                     any_processor=any_processor,
                     world=world,
-                    on_progress=count.show,
+                    on_progress=show,
                     command=command,
                 )
-            )
+            found[domain, task].append(of_run)
             count.add(_episodes([run]))
     tasks = tuple(_scores_of(*task, of_runs) for task, of_runs in found.items())
     versions = next(iter(found.values()))[0].facts["versions"]
-    result = SetEvaluation(chosen, names, tasks, missing, versions, world)
+    result = SetEvaluation(chosen, names, tasks, missing, versions, settings)
     return result if directory is None else _written(result, directory)
 
 
@@ -309,7 +314,7 @@ def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> Tas
         task,
         tuple(one.summary().mean for one in evaluations),
         tuple(one.facts["action_repeat"] for one in evaluations),
-        max(score.length for score in first.scores[first.policy]),
+        max(score.length for one in evaluations for score in one.scores[one.policy]),
         {name: first.summary(name).mean for name in FLOORS},
     )
 
@@ -324,8 +329,20 @@ def _asked_for(task_set: TaskSet, runs: Sequence[str], world: World | None) -> d
         "seeds": f"{_SEEDS[0]}:{_SEEDS[-1] + 1}",
         "score": f"mean return divided by {_FULL_RETURN:g}",
         "runs": list(runs),
-        "world": dict(world) if world else None,
+        "world": world,
     }
+
+
+def _settings_of(world: World | None) -> World | None:
+    """The complete settings of a world's options as values of JSON; None without any."""
+    settings = {name: value for name, value in (world or {}).items() if value is not None}
+    if "faults" in settings:
+        # `of` checks what it is given.
+        settings["faults"] = Faults.of(cast(Faults, settings["faults"])).as_json()
+    if "appearance" in settings:
+        options = Appearance.of(cast(Appearance, settings["appearance"]))
+        settings["appearance"] = Looks(options, 1, 1.0).as_json()  # with the hash of files
+    return settings or None
 
 
 def _check_folder(directory: Path, asked_for: Mapping[str, object]) -> None:
@@ -339,7 +356,7 @@ def _check_folder(directory: Path, asked_for: Mapping[str, object]) -> None:
         return
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no result of this command: {error}") from None
     for name, expected in asked_for.items():
         found = there.get(name) if isinstance(there, dict) else None

@@ -11,15 +11,21 @@ The sets of papers are fixed. Those of the suite's tags are its constants: `all`
 the tasks of registered domains too.
 """
 
+import contextlib
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from limberjack.registry import TASKS, domains
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["TaskSet", "Tasks", "find", "names", "tasks_of"]
+__all__ = ["SetError", "TaskSet", "Tasks", "find", "names", "refusals_named", "tasks_of"]
 
 _Tasks = tuple[tuple[str, str], ...]
+_OnProgress = Callable[[str, int, float], object]  # see `workers.state.OnProgress`
+
+
+class SetError(ValueError):
+    """A task of a set was refused before it was played; the message names it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,6 +220,29 @@ def _pair(task: object) -> tuple[str, str]:
 def tasks_of(tasks: Tasks) -> _Tasks:
     """The (domain, task) pairs of a set or list; see `find`."""
     return find(tasks).tasks
+
+
+@contextlib.contextmanager
+def refusals_named(domain: str, task: str, on_progress: _OnProgress) -> Iterator[_OnProgress]:
+    """Yields `on_progress` for a task of a set, and names the task if it is refused.
+
+    Raises:
+      SetError: a ValueError was raised before the task's first step, at which the function that is
+        yielded is called. Subclasses of ValueError stay.
+    """
+    has_begun = False
+
+    def show(what: str, finished: int, part: float = 0.0) -> None:
+        nonlocal has_begun
+        has_begun = True
+        on_progress(what, finished, part)
+
+    try:
+        yield show
+    except ValueError as error:
+        if has_begun or type(error) is not ValueError:
+            raise
+        raise SetError(f"{domain} {task}: {error}") from error
 
 
 def _sets() -> tuple[TaskSet, ...]:
