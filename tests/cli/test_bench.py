@@ -76,6 +76,20 @@ def test_an_unknown_task_is_status_2_with_a_suggestion() -> None:
     assert "Did you mean 'stack_2'?" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--threads", "1,2"], "--threads"),
+        (["--columns", "step", "--threads", "1"], "--threads and --columns"),
+    ],
+)
+def test_what_a_device_does_not_have_is_refused_beside_it(options: list[str], named: str) -> None:
+    done = invoke("bench", "cartpole", "balance", "--device", "cuda:0", *options)
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"limberjack: got {named} beside --device cuda:0, which measures")
+    assert done.stderr.count("\n") == 1
+
+
 def test_a_device_that_cannot_be_used_is_one_line_that_says_what_to_install() -> None:
     done = invoke("bench", "cartpole", "balance", "--device", "cuda:99")
     assert done.exit_code == 2

@@ -10,12 +10,14 @@ from limberjack.cli.app import command
 from limberjack.cli.options import Domain, TaskName, named_task
 from limberjack.cli.output import MISUSED, complain, console, misuse_reported, table
 from limberjack.cli.progress import show_parts
+from limberjack.utils.facts import title_of
 
 if TYPE_CHECKING:
     from limberjack.bench import Result
 
 __all__: list[str] = []
 
+_COLUMNS = "step,inference"  # by default
 _LABELS = {
     "physics": "MuJoCo alone (mujoco.batch)",
     "batch": "BatchEnvironment",
@@ -43,13 +45,14 @@ def _bench(
         ),
     ] = None,
     columns: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAMES",
             help="What to measure, of step, inference (with a policy's forward pass), and "
             "training (with the learner of `limberjack train`).",
+            show_default=_COLUMNS,
         ),
-    ] = "step,inference",
+    ] = None,
     seconds: Annotated[
         float, typer.Option(metavar="X", help="Approximate time for each comparison.")
     ] = 3.0,
@@ -67,6 +70,7 @@ def _bench(
     if device is not None:
         with misuse_reported():
             where = named_task(domain, task)
+            _check_alone(device, {"--threads": threads, "--columns": columns})
         _bench_on_device(*where, num_envs, device, seconds)
         return
     with misuse_reported(), show_parts() as show:
@@ -77,10 +81,20 @@ def _bench(
             num_envs,
             _numbers(threads),
             seconds,
-            [name.strip() for name in columns.split(",")],
+            [name.strip() for name in (_COLUMNS if columns is None else columns).split(",")],
             on_progress=lambda part, share: show(part, share, 1.0),
         )
     _print(result, num_envs)
+
+
+def _check_alone(device: str, others: Mapping[str, str | None]) -> None:
+    """Raises ValueError if an option is given that --device does not have."""
+    given = [name for name, value in others.items() if value is not None]
+    if given:
+        raise ValueError(
+            f"got {' and '.join(given)} beside --device {device}, which measures MuJoCo Warp: "
+            "leave it out, or leave out --device to measure batches on this machine's cores"
+        )
 
 
 def _bench_on_device(
@@ -110,7 +124,7 @@ def _bench_on_device(
 
 def _print(result: "Result", num_envs: int) -> None:
     typer.echo(
-        f"{' '.join(map(str, result.facts.values()))}: {num_envs} environments, random actions. "
+        f"{title_of(result.facts)}: {num_envs} environments, random actions. "
         "A step is one action of one environment; steps/s counts all environments.\n"
     )
     rows = table("stepped", "threads>", "steps/s>", "speed>", "relative to")
