@@ -352,6 +352,32 @@ def test_the_command_line_of_a_view_shows_the_same_episode(monkeypatch: pytest.M
     assert commands == [shown, shown]
 
 
+def test_the_command_line_of_a_view_has_all_digits_and_imports_what_was_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands: list[str] = []
+
+    def in_browsers(
+        access: object, title: str, announce: object, weigh: object, command: Any
+    ) -> Any:
+        return lambda session: commands.append(command(session.status()))
+
+    monkeypatch.setattr(viewer, "in_browsers", in_browsers)
+    monkeypatch.syspath_prepend(tmp_path)
+    source = "from limberjack import suite\nfrom tests.plain_domain import SUITE\n"
+    (tmp_path / "shown_domain.py").write_text(f'{source}suite.register("shown", __name__)\n')
+    typed = ["--import", "shown_domain", "--import", "tests.plain_domain", "view", "shown/push"]
+    typed += ["--policy", "zero", "--time-limit", "0.1234567", "--seed", "0"]
+    suite.register("plain", "tests.plain_domain")
+    try:
+        result = _invoke(*typed)
+        assert result.exit_code == 0, result.output
+    finally:
+        suite.unregister("plain")
+        suite.unregister("shown")
+    assert commands == [" ".join(["limberjack", *typed])]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a display is always there")
 def test_without_a_display_there_is_no_window(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -2,7 +2,7 @@
 
 import contextlib
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
@@ -60,6 +60,7 @@ _OTHER_SEEDS = (
     "limberjack view stacker stack_2 --policy planner --explain",
 )
 def _view(
+    context: typer.Context,
     domain: OptionalDomain = None,
     task: TaskName = None,
     env: EnvironmentName = None,
@@ -123,7 +124,8 @@ def _view(
         factory = factory_of(*where, finite(time_limit), world_named(env, faults, appearance))
         plans = Plans()
         named = {"--env": env, "--faults": faults, "--appearance": appearance}
-        worded = _command_line((domain, task), named, time_limit, explain)
+        modules = context.find_root().params["modules"] or []
+        worded = _command_line(modules, (domain, task), named, time_limit, explain)
         show = _find_viewer(native, host, port, allow_host or [], factory.title, plans, worded)
         environment = _viewable(factory.make(seed))
         if appearance is not None:
@@ -190,6 +192,7 @@ def _viewable(environment: "dm_env.Environment") -> "Environment":
 
 
 def _command_line(
+    modules: Sequence[str],
     task: tuple[str | None, ...],
     options: Mapping[str, str | None],
     time_limit: float | None,
@@ -198,12 +201,13 @@ def _command_line(
     """A function that words a status as the command that shows its episode."""
     given = dict(options)
     if time_limit is not None:
-        given["--time-limit"] = f"{time_limit:g}"
-    named = [part for part in task if part]
+        given["--time-limit"] = repr(time_limit).removesuffix(".0")
+    start = ["limberjack", *(word for module in modules for word in ("--import", module)), "view"]
+    start += [part for part in task if part]
     others = [part for name, value in given.items() if value is not None for part in (name, value)]
 
     def worded(status: "Status") -> str:
-        words = ["limberjack", "view", *named, "--policy", status.policy, *others]
+        words = [*start, "--policy", status.policy, *others]
         if status.seed is not None:
             words += ["--seed", str(status.seed)]
         if status.speed != 1:
