@@ -22,6 +22,7 @@ from types import FrameType
 import typer
 
 from limberjack.utils import files
+from limberjack.utils.texts import encodable
 
 __all__ = ["INTERRUPTED", "TERMINATED", "command_line", "own_process"]
 
@@ -116,6 +117,5 @@ def _end(status: int, threads: list[str]) -> None:
 
 
 def command_line() -> str:
-    """The command of this process, quoted for a shell; bytes that are no text are replaced."""
-    typed = shlex.join(["limberjack", *sys.argv[1:]])
-    return typed.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    """The command of this process, quoted for a shell; bytes that are no text are escaped."""
+    return encodable(shlex.join(["limberjack", *sys.argv[1:]]))

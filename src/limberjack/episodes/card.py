@@ -19,6 +19,7 @@ from limberjack.episodes.manifest import EPISODES, MANIFEST, Manifest
 from limberjack.episodes.places import Place, exists, filling, read
 from limberjack.episodes.recipe import Column
 from limberjack.utils.facts import title_of
+from limberjack.utils.texts import encodable
 
 __all__ = ["CARD", "CARD_LINE", "median_seed", "names_of", "write_card"]
 
@@ -69,7 +70,7 @@ def write_card(directory: Place, manifest: Manifest, figures: Sequence[Figures])
     path = directory / CARD
     if exists(path) and CARD_LINE.encode() not in read(path):
         return
-    content = _text(directory, manifest, figures).encode()
+    content = encodable(_text(directory, manifest, figures)).encode()
     with filling(path, directory) as partial:
         partial.write_bytes(content)
 

@@ -32,6 +32,19 @@ def test_returns_are_drawn_by_policy_and_by_start(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.png", "two.png"]
 
 
+def test_names_that_are_no_text_or_look_like_a_formula_are_drawn(tmp_path: Path) -> None:
+    for name in ("mlp:\udcff.zip", "mlp:$\\frac$.zip"):
+        path = tmp_path / "plot.png"
+        write_distribution_plot(path, name, {name: [1.0], "zero": [0.0]}, {})
+        report.write_return_plot(path, name, _EPISODES, 0.01)
+    name = "of $x^2$ \udcff"
+    task = Learning(name, [_RUN._replace(name=name)], _OWN, (700.0, name))
+    text = _written(tmp_path / "curve.svg", [task])
+    assert text.count(r">of $x^2$ \udcff<") == 2  # over steps and over minutes
+    assert r">of $x^2$ \udcff: 650<" in text
+    assert r">of $x^2$ \udcff: 700<" in text
+
+
 def test_without_matplotlib_the_error_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

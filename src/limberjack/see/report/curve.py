@@ -15,6 +15,7 @@ from limberjack.policies.learning import Learning
 from limberjack.see.report.result import Played
 from limberjack.utils.files import replacing
 from limberjack.utils.requirements import missing_extra
+from limberjack.utils.texts import encodable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +50,7 @@ def write_return_plot(
         label = f"seed {episode.seed}: {episode.total:.3f}"
         top.plot(seconds[1:], episode.rewards, linewidth=1, alpha=opacity)
         bottom.plot(seconds, [0.0, *episode.returns], linewidth=1.5, alpha=opacity, label=label)
-    top.set_title(title)
+    top.set_title(_as_it_is(title))
     top.set_ylabel("reward")
     top.set_ylim(*_limits([episode.rewards for episode in episodes]))
     bottom.set_ylabel("return so far")
@@ -86,7 +87,7 @@ def write_distribution_plot(
     panels = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
     for axes, part in zip(panels, parts, strict=True):
         for number, (name, returns) in enumerate(part.items()):
-            label = f"{name}: mean {np.mean(returns):.1f} of {len(returns)}"
+            label = f"{_as_it_is(name)}: mean {np.mean(returns):.1f} of {len(returns)}"
             # A step per episode, so that a single one is also a line; the first line is on top.
             shares = np.linspace(0.0, 100.0, len(returns) + 1)
             heights, on_top = np.sort(returns), len(part) - number
@@ -96,7 +97,7 @@ def write_distribution_plot(
         axes.grid(alpha=0.3)
         axes.legend(loc="best", fontsize="small")
     panels[0].set_ylabel("return")
-    figure.suptitle(title)
+    figure.suptitle(_as_it_is(title))
     with replacing(path) as partial:
         figure.savefig(partial)
 
@@ -143,6 +144,14 @@ def write_learning_plot(path: Path, tasks: Sequence[Learning], description: str 
         figure.savefig(partial, metadata=more)
 
 
+def _as_it_is(name: str) -> str:
+    """A name of anyone's, of which matplotlib draws each character: no formula, no lone surrogate.
+
+    It takes text between dollars for a formula.
+    """
+    return encodable(name).replace("$", r"\$")
+
+
 def _draw_learning(axes: "Axes", task: Learning, over: str) -> None:
     """Draws the curves of a task over one of the measures."""
     own = [] if task.own is None else [task.own]
@@ -153,13 +162,13 @@ def _draw_learning(axes: "Axes", task: Learning, over: str) -> None:
             curve.returns,
             color=_OWN_COLOUR if is_own else _COLOUR,
             linewidth=2 if is_own else 1,
-            label=f"{curve.name}: {curve.returns[-1]:.0f}",
+            label=f"{_as_it_is(curve.name)}: {curve.returns[-1]:.0f}",
         )
     if task.published is not None:
         level, name = task.published
-        label = f"{name}: {level:.0f}"
+        label = f"{_as_it_is(name)}: {level:.0f}"
         axes.axhline(level, color=_PUBLISHED_COLOUR, linewidth=1, linestyle="--", label=label)
-    axes.set_title(task.title, fontsize="small")
+    axes.set_title(_as_it_is(task.title), fontsize="small")
     axes.set_ylim(*_limits(list(_shown(task))))
     axes.set_xlim(left=0)
     axes.tick_params(labelsize="x-small")

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from limberjack.utils.facts import Facts
 from limberjack.utils.files import replacing
+from limberjack.utils.texts import encodable
 
 __all__ = ["card", "cards", "facts_of", "figures", "header", "section", "table", "write_document"]
 
@@ -46,9 +47,7 @@ def write_document(path: Path, title: str, body: str, result: Mapping[str, objec
     }
     template = string.Template(_TEMPLATE.read_text(encoding="utf-8"))
     with replacing(path) as partial:
-        # Names of files may have bytes that are no text.
-        text = template.substitute(parts).encode("utf-8", "surrogateescape")
-        partial.write_text(text.decode("utf-8", "replace"), encoding="utf-8")
+        partial.write_text(encodable(template.substitute(parts)), encoding="utf-8")
 
 
 def header(heading: str, subtitle: str) -> str:
