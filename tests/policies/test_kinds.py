@@ -2,9 +2,11 @@
 
 import asyncio
 import re
+from typing import cast
 
 import pytest
 
+from limberjack import policies
 from limberjack.policies import kinds
 
 
@@ -21,6 +23,23 @@ def test_an_error_of_a_users_code_is_raised_as_it_is_with_a_note() -> None:
     with pytest.raises(KeyboardInterrupt) as interrupt, kinds.Locating("policy 'a:b', step 3"):
         raise KeyboardInterrupt
     assert not hasattr(interrupt.value, "__notes__")
+
+
+class _Sixth:
+    """The part of a policy that says how often it acts."""
+
+    name = "every sixth"
+    action_repeat = 6
+
+
+def test_actions_are_repeated_as_asked_or_demanded_or_as_the_environment_does() -> None:
+    sixth, free = cast(kinds.Actor, _Sixth()), policies.find("zero")
+    assert [kinds.repeat_for(free, asked, 3) for asked in (None, 1, 2)] == [3, 1, 2]
+    for asked, own in ((None, 1), (None, 6), (6, 3)):
+        assert kinds.repeat_for(sixth, asked, own) == 6
+    for asked, own, repeat in ((None, 3, 3), (1, 1, 1), (2, 6, 2)):
+        with pytest.raises(ValueError, match=f"is {repeat}, but policy 'every sixth' acts every 6"):
+            kinds.repeat_for(sixth, asked, own)
 
 
 class _Odd(BaseException):

@@ -9,10 +9,12 @@ import types
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack import policies, suite
-from limberjack.policies import PolicyError
+from limberjack.policies import PolicyError, mlp
+from limberjack.rl import control
 from limberjack.rl.batches import vectorisable
 from limberjack.workers import Setup, prepare
 from limberjack.workers.setup import Refused
@@ -46,6 +48,38 @@ def test_a_setup_is_opened_once_in_each_thread() -> None:
     thread.start()
     thread.join()
     assert others[0].environment is not first.environment
+
+
+def _repeating(seed: int) -> control.Environment:
+    """An environment that repeats actions itself."""
+    return control.Environment(*_parts(seed), time_limit=0.5, action_repeat=3)
+
+
+def _parts(seed: int) -> Any:
+    made = plain_domain.make(seed)
+    return made.physics, made.task
+
+
+def test_actions_are_repeated_as_asked_or_demanded_or_as_the_environment_does(
+    tmp_path: Path,
+) -> None:
+    layout = (("orientation", (2,)), ("velocity", (1,)))
+    card = mlp.Card(layout=layout, low=(-1.0,), high=(1.0,), action_repeat=4)
+    mlp.save(tmp_path / "p.safetensors", [(np.ones((1, 3), np.float32), np.zeros(1))], card)
+    policy = f"mlp:{tmp_path}/p.safetensors"
+    setup = prepare(*TASK, policy)
+    assert setup.action_repeat == setup.identity["action_repeat"] == 4
+    assert setup.opened().actor.action_repeat == 4
+    with pytest.raises(ValueError, match=r"action_repeat is 2, but policy .* acts every 4 control"):
+        prepare(*TASK, policy, action_repeat=2)
+    for asked, repeat in ((None, 3), (2, 2)):
+        assert prepare(_repeating, policy="random", action_repeat=asked).action_repeat == repeat
+    assert prepare(*TASK, "random").action_repeat == 1
+
+
+def test_a_world_is_that_of_the_opened_environment() -> None:
+    setup = _copy(prepare(*TASK, "random", world={"faults": {"dummies": 1}}))
+    assert "dummy-0" in setup.opened().environment.reset().observation
 
 
 def test_few_setups_stay_open() -> None:

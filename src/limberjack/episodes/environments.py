@@ -10,12 +10,12 @@ from collections.abc import Sequence
 import dm_env
 
 from limberjack.policies import Actor
+from limberjack.policies.kinds import repeat_for
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import is_reproducible
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
-from limberjack.rl.guards import at_least_one
 from limberjack.rl.row_trial import draws_globally
 from limberjack.workers.factories import Factory
 
@@ -75,22 +75,9 @@ def checked_environment(
 
 
 def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, actor: Actor) -> int:
-    """Control steps per action: those that are asked for, the policy's, or the environment's own.
-
-    Raises:
-      ValueError, TypeError: it is not a whole number of at least 1, or not that of a policy which
-        demands one, such as the planner, which acts at every control step.
-    """
+    """Control steps per action in an environment; see `policies.kinds.repeat_for`."""
     own = inside(environment)._ours.action_repeat
-    repeat = own if action_repeat is None else at_least_one("action_repeat", action_repeat)
-    demanded = actor.action_repeat
-    if demanded is None or repeat == demanded:
-        return repeat
-    if action_repeat is None and own == 1:
-        return demanded
-    often = "at every control step" if demanded == 1 else f"every {demanded} control steps"
-    advice = "leave it at 1" if demanded == 1 else f"leave it out, or set it to {demanded}"
-    raise ValueError(f"action_repeat is {repeat}, but policy {actor.name!r} acts {often}: {advice}")
+    return repeat_for(actor, action_repeat, own)
 
 
 def _why_unknown(factory: Factory) -> str:

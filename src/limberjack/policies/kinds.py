@@ -18,9 +18,10 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl.batch_contract import Batch
+from limberjack.rl.guards import at_least_one
 from limberjack.utils.described import place_of
 
-__all__ = ["ROWS", "Act", "Actor", "BeginAlone", "Locating", "Policy", "PolicyError"]
+__all__ = ["ROWS", "Act", "Actor", "BeginAlone", "Locating", "Policy", "PolicyError", "repeat_for"]
 
 ROWS = 64  # rows of a batch: enough for all cores, and few enough that a kill loses little
 
@@ -74,6 +75,29 @@ class Actor(Protocol):
           PolicyError: it cannot act in this environment.
         """
         ...
+
+
+def repeat_for(actor: Actor, action_repeat: int | None, own: int) -> int:
+    """Control steps per action: those that are asked for, the policy's, or the environment's own.
+
+    Args:
+      actor: the policy.
+      action_repeat: asked for; None to leave it to the policy and the environment.
+      own: of the environment.
+
+    Raises:
+      ValueError, TypeError: it is not a whole number of at least 1, or not that of a policy which
+        demands one, such as the planner, which acts at every control step.
+    """
+    repeat = own if action_repeat is None else at_least_one("action_repeat", action_repeat)
+    demanded = actor.action_repeat
+    if demanded is None or repeat == demanded:
+        return repeat
+    if action_repeat is None and own == 1:
+        return demanded
+    often = "at every control step" if demanded == 1 else f"every {demanded} control steps"
+    advice = "leave it at 1" if demanded == 1 else f"leave it out, or set it to {demanded}"
+    raise ValueError(f"action_repeat is {repeat}, but policy {actor.name!r} acts {often}: {advice}")
 
 
 # Errors that programs and loops take for an end.

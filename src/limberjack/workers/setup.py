@@ -23,6 +23,7 @@ import dm_env
 
 from limberjack import policies
 from limberjack.policies import ROWS, Actor, PolicyError
+from limberjack.policies.kinds import repeat_for
 from limberjack.rl.builds import Build
 from limberjack.utils.facts import Facts
 from limberjack.workers.factories import Factory, Make, factory_of
@@ -171,10 +172,11 @@ def prepare(
     policy: object = "zero",
     *,
     time_limit: float | None = None,
-    action_repeat: int = 1,
+    action_repeat: int | None = None,
     num_threads: int | None = None,
     any_processor: bool = False,
     vectorised: bool | None = None,
+    world: World | None = None,
 ) -> Setup:
     """The setup of a task and a policy, for workers.
 
@@ -183,21 +185,26 @@ def prepare(
       task: such as 'walk'; None with a function.
       policy: its name, or a function or class; see `limberjack.policies`.
       time_limit: seconds per episode; the task's own by default.
-      action_repeat, num_threads, any_processor, vectorised: see `Setup`.
+      action_repeat: control steps per action; None for those that the policy demands, or else the
+        environment's own.
+      num_threads, any_processor, vectorised: see `Setup`.
+      world: options by which the world differs from the suite's, see `limberjack.worlds`; None with
+        a function.
 
     Raises:
-      ValueError, TypeError: there is no such task or policy, or other processes cannot import the
-        policy, the domain or the function.
+      ValueError, TypeError: there is no such task or policy, other processes cannot import the
+        policy, the domain or the function, or the policy demands another action repeat.
     """
-    factory = factory_of(domain, task, time_limit)
+    factory = factory_of(domain, task, time_limit, world)
     with contextlib.closing(factory.make(0)) as environment:
         actor = policies.find(policy, environment)
+        own = identity_of(factory, actor, environment)["action_repeat"]
         return setup_of(
             factory,
             environment,
             actor,
             policy,
-            action_repeat=action_repeat,
+            action_repeat=repeat_for(actor, action_repeat, own),
             num_threads=num_threads,
             any_processor=any_processor,
             vectorised=vectorised,
