@@ -82,8 +82,17 @@ def test_an_unknown_task_is_a_key_error_that_names_the_tasks() -> None:
 def test_the_decorator_without_parentheses_is_refused() -> None:
     tasks = containers.TaggedTasks()
     with pytest.raises(TypeError, match="with parentheses"):
-        tasks.add(named("swing"))  # type: ignore[arg-type]
+        tasks.add(named("swing"))
     assert len(tasks) == 0
+
+
+def test_a_tag_may_be_any_key() -> None:
+    tasks = make_tasks()
+    tasks.add(3, ("a", 1))(named("odd"))
+    assert list(tasks.tagged(3)) == list(tasks.tagged(("a", 1), 3)) == ["odd"]
+    assert tasks.tags() == ["easy", "benchmarking", "hard", 3, ("a", 1)]
+    with pytest.raises(TypeError, match=r"a tag is \['easy'\]; expected a name"):
+        tasks.add(["easy"])  # pyright: ignore[reportArgumentType]
 
 
 def test_repr_shows_the_tasks() -> None:

@@ -56,7 +56,7 @@ def _described(domain: str, task: str) -> _Task:
     from limberjack import suite
 
     factories = suite.module_of(domain).SUITE
-    tags = [tag for tag in factories.tags() if task in factories.tagged(tag)]
+    tags = [str(tag) for tag in factories.tags() if task in factories.tagged(tag)]
     if (domain, task) not in suite.BENCHMARKING:
         tags.append("extra")
     environment = suite.load(domain, task)

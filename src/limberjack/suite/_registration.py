@@ -189,7 +189,7 @@ class Domains(MutableMapping[str, ModuleType]):
         if not hasattr(module, "SUITE"):
             raise TypeError(f"_DOMAINS[{name!r}] is {module!r}; expected a module with a SUITE")
         suite = module.SUITE
-        tagged = {tag: suite.tagged(tag) for tag in getattr(suite, "tags", list)()}
+        tagged = {str(tag): suite.tagged(tag) for tag in getattr(suite, "tags", list)()}
         rows = tuple(
             Row(name, task, tuple(tag for tag, tasks in tagged.items() if task in tasks), None, 0)
             for task in suite
@@ -303,7 +303,7 @@ def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None
         dof = getattr(getattr(inner.physics, "model", None), "nv", 0)
         steps = control.Environment.step_limit.of(inner)
     problems += [f"the task of {task} has {what}" for what in wrong]
-    tags = tuple(tag for tag in suite.tags() if task in suite.tagged(tag))
+    tags = tuple(str(tag) for tag in suite.tags() if task in suite.tagged(tag))
     environment.close()
     return None if wrong else Row(name, task, tags, steps, int(dof))
 

@@ -12,7 +12,7 @@
 A mapping from names to factories, in the order in which they were added.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from limberjack.utils.suggest import did_you_mean
@@ -39,20 +39,23 @@ class TaggedTasks(Mapping[str, _Factory]):
           allow_overriding_keys: whether a name may be registered again, replacing the factory.
         """
         self._tasks: dict[str, _Factory] = {}
-        self._tags: dict[str, dict[str, None]] = {}
+        self._tags: dict[Hashable, dict[str, None]] = {}
         self.allow_overriding_keys = allow_overriding_keys
 
-    def add(self, *tags: str) -> Callable[[_F], _F]:
+    def add(self, *tags: Hashable) -> Callable[[_F], _F]:
         """A decorator that registers a factory under its `__name__` and returns it unchanged.
 
+        Args:
+          tags: names such as 'easy', or other keys of a dictionary.
+
         Raises:
-          TypeError: a tag is not a string, for example because the parentheses are missing.
+          TypeError: a tag cannot be a key, or is a function because the parentheses are missing.
           ValueError: when decorating, if the name is taken and may not be overridden.
         """
         for tag in tags:
-            if not isinstance(tag, str):
+            if callable(tag) or not isinstance(tag, Hashable):
                 raise TypeError(
-                    f"a tag is {tag!r}; expected a string (write @{type(self).__name__}.add(), "
+                    f"a tag is {tag!r}; expected a name (write @{type(self).__name__}.add(), "
                     "with parentheses, for a task without tags)"
                 )
 
@@ -67,14 +70,14 @@ class TaggedTasks(Mapping[str, _Factory]):
 
         return register
 
-    def tagged(self, *tags: str) -> dict[str, _Factory]:
+    def tagged(self, *tags: Hashable) -> dict[str, _Factory]:
         """The factories that have all of `tags`, by name; empty if no tag is given."""
         if not tags:
             return {}
         first, *others = (self._tags.get(tag, {}) for tag in tags)
         return {name: self._tasks[name] for name in first if all(name in names for names in others)}
 
-    def tags(self) -> list[str]:
+    def tags(self) -> list[Hashable]:
         """All tags, in the order in which they were first used."""
         return list(self._tags)
 

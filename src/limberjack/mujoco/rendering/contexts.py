@@ -45,6 +45,9 @@ class _GlContext:
         model = self._physics.model.ptr
         return call(model, lambda _: function(*args, **kwargs), is_private=True)
 
+    def free(self) -> None:
+        """Leaves the context as it is: it is freed with the physics."""
+
 
 class _MujocoContext:
     """MuJoCo's rendering context of a physics."""
@@ -56,6 +59,9 @@ class _MujocoContext:
     def ptr(self) -> mujoco.MjrContext:
         """The official `mujoco.MjrContext`, for use within `contexts.gl`'s `call` only."""
         return call(self._physics.model.ptr, lambda context: context, is_private=True)
+
+    def free(self) -> None:
+        """Leaves the context as it is: it is freed with the physics."""
 
 
 def contexts(physics: _HasModel) -> Contexts:
