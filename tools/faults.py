@@ -106,7 +106,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
     ],
     "training/folder.py": [
-        ('{"world": None, **found}[name] for name in identity', "found[name] for name in found"),
+        ("{**_LATER, **found}[name] for name in identity", "found[name] for name in found"),
     ],
     "worlds/faults/memory.py": [
         ("        numbers = np.clip(np.rint(numbers), limits.min, most)\n", ""),
@@ -184,6 +184,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("size = min(stop, high) - max(start, low)", "size = stop - start"),
     ],
     "registry/sets.py": [
+        ("        has_begun = True\n", "        pass\n"),
+        ("if has_begun or type(error) is not ValueError:", "if has_begun:"),
         ('tasks = tasks.split(",")', "tasks = [tasks]"),
     ],
     "rl/batch_contract.py": [
@@ -494,7 +496,37 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("(lower > upper, ", "(lower >= upper, "),
         ("return abs(x - lower if lower else x)", "return abs(x)"),
     ],
+    "workers/factories.py": [
+        (
+            'if known is not None and known.source == "suite":',
+            'if known is not None and known.source != "assigned":',
+        ),
+        (
+            "hash_of_module(module.__name__) if is_imported else None",
+            "hash_of_module(module.__name__)",
+        ),
+    ],
+    "workers/setup.py": [
+        ("repeat_for(actor, action_repeat, own)", "action_repeat or own"),
+        (
+            "factory_of(domain, task, time_limit, world)\n    with",
+            "factory_of(domain, task, time_limit)\n    with",
+        ),
+    ],
+    "see/report/curve.py": [
+        ("encodable(name).replace", "name.replace"),
+        ("    figure.suptitle(_as_it_is(title))", "    figure.suptitle(title)"),
+    ],
+    "utils/texts.py": [('"backslashreplace"', '"replace"')],
+    "cli/view.py": [
+        ('repr(time_limit).removesuffix(".0")', 'f"{time_limit:g}"'),
+        ("for module in modules for word", "for module in modules[:1] for word"),
+    ],
+    "cli/bench.py": [
+        ('{"--threads": threads, "--columns": columns}', '{"--threads": threads}'),
+    ],
     "utils/containers.py": [
+        ("if callable(tag) or not isinstance(tag, Hashable):", "if not isinstance(tag, Hashable):"),
         ("for name in first if all(name in names", "for name in first if any(name in names"),
         ("if name in self._tasks and not self.allow", "if name in self._tags and not self.allow"),
     ],
@@ -853,8 +885,15 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("takes[name] != has[name]", "len(takes[name]) != len(has[name])"),
         ("(np.array(card.high) > high)", "(np.array(card.high) < low)"),
     ],
-    "episodes/environments.py": [
+    "policies/kinds.py": [
         ("    if action_repeat is None and own == 1:\n", "    if action_repeat is None:\n"),
+    ],
+    "episodes/environments.py": [
+        (
+            "return repeat_for(actor, action_repeat, own)",
+            "return repeat_for(actor, action_repeat, 1)",
+        ),
+        ('    if "domain" in factory.facts:\n', '    if "task" not in factory.facts:\n'),
     ],
     "episodes/episode.py": [
         ("float(self.returns[-1])", "float(np.sum(self.rewards))"),
