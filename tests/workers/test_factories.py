@@ -2,6 +2,7 @@
 
 import functools
 import re
+import types
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,8 @@ from limberjack import suite
 from limberjack.rl.control import Environment
 from limberjack.workers.factories import factory_of
 from tests import plain_domain
+
+_OF_FUNCTIONS = "environment_sha256"
 
 
 def test_names_make_the_environment_that_the_suite_loads() -> None:
@@ -26,6 +29,23 @@ def test_names_make_the_environment_that_the_suite_loads() -> None:
         == loaded.reset().observation["box_pos"].tolist()
     )
     assert factory.is_known
+
+
+def test_a_domain_that_is_not_the_suites_is_known_by_the_source_of_its_module(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    suite.register("pushing", plain_domain)
+    try:
+        factory = factory_of("pushing", "push", 0.1)
+    finally:
+        suite.unregister("pushing")
+    assert factory.facts["domain_sha256"] == factory_of(plain_domain.make).facts[_OF_FUNCTIONS]
+    assert factory.is_known
+    of_that_name = types.ModuleType("tests.plain_domain")
+    monkeypatch.setattr(of_that_name, "SUITE", plain_domain.SUITE, raising=False)
+    monkeypatch.setitem(suite._DOMAINS, "typed", of_that_name)
+    assert factory_of("typed", "push").facts["domain_sha256"] is None
+    assert not factory_of("typed", "push").is_known
 
 
 def test_a_function_is_known_by_its_module_its_name_and_its_source() -> None:
