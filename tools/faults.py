@@ -284,7 +284,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "(full, self._stagger.shares[row]) if part.limits is None",
         ),
         (
-            "                if env.is_running and not begins[row]\n",
+            "                if Environment.is_running.of(env) and not begins[row]\n",
             "                if not begins[row]\n",
         ),
         ("        if self._threads.num_threads == 1:\n            return {}\n", ""),
@@ -546,7 +546,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "episodes/dataset.py": [
         ("            world=inside(environment).world,\n", ""),
-        ("np.broadcast_to(bound, actions.shape)", "np.asarray(bound)"),
+        ("bounds_to_try(actions, action_bound)", "bounds_to_try(actions)"),
         ("tuple((deviation + _LEAST_SCALE).tolist())", "tuple(deviation.tolist())"),
         (
             "first, end = k * episodes // n, (k + 1) * episodes // n",
@@ -780,6 +780,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "planner/history.py": [
         ("array[-(self.num_envs or 1) :]", "array[: self.num_envs or 1]"),
+        ("reshape(self._steps * len(live), *live", "reshape(-1, *live"),
     ],
     "planner/optimisers/base.py": [
         ("[: count // 2]", "[:count]"),
@@ -807,6 +808,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("self._settings.samples // _POLICY_SHARE", "self._settings.samples // 2"),
         ("[of_policy, self._proposals]", "[self._proposals, of_policy]"),
         ("knot_weights(len(knots), later) @ elites", "elites"),
+        ("        self._law.narrow(*open_bounds(env.action_spec()))\n", ""),
+        ("    if repeat != 1:\n", "    if False:\n"),
         ("if n not in only_perturbed)", ")"),
         ("    physics.simulation.set_fields(faults.nominal)\n", ""),
     ],
@@ -881,7 +884,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "policies/networks.py": [
         ("if next(steps) % count == 0:", "if next(steps) % count == 1:"),
         ("return 1 if own == demanded else demanded", "return demanded"),
-        ("        getattr(model, name)[...] = 0\n", "        pass\n"),
+        ("        setattr(owner, field, np.zeros_like(getattr(owner, field)))\n", ""),
         ("takes[name] != has[name]", "len(takes[name]) != len(has[name])"),
         ("(np.array(card.high) > high)", "(np.array(card.high) < low)"),
     ],
@@ -1089,7 +1092,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "mujoco/replicas.py": [
-        ("        vars(one).update(like._shared_attributes())\n", ""),
+        ("like._kept_attributes())", "like._shared_attributes())"),
+        ("        vars(one).update(like._kept_attributes())\n", ""),
         ("one.simulation.sets_constants = like", "one.simulation.sets_constants = False and like"),
         (
             "            values[row] = read_field(model, name)\n",
@@ -1128,6 +1132,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "mujoco/read_only.py": [
         (
+            '        return ReadOnlyStruct(value, f"{self._name}.{name}")\n',
+            "        return value\n",
+        ),
+        (
             "            self._change(lambda array: method(array, *args, **kwargs))\n",
             "            method(self, *args, **kwargs)\n",
         ),
@@ -1154,6 +1162,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "mujoco/engine.py": [
         ("            np.copyto(item, part)\n", "            np.copyto(item, part[..., :1])\n"),
         ("        if state.shape != shape:", "        if state.size != np.prod(shape):"),
+        ("            self._reload_exactly(simulation.data)\n", "            pass\n"),
+        ("        mujoco.mj_copyData(data._data, data.model._model, before._data)\n", ""),
+        (" and physics._simulation.num_envs is None", ""),
     ],
     "mujoco/wrapper/textures.py": [
         ("    sizes[is_textures] = len(pixels)\n", ""),
@@ -1214,6 +1225,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("(np.arange(wanted) + 0.5)", "np.arange(wanted)"),
     ],
     "mujoco/wrapper/sharing.py": [
+        ("        return copy_of(self.light)\n\n", "        return self.light\n\n"),
         ("    _last_used.pop(source, None)\n", ""),
         ("in kept[:-1]:", "in kept:"),
     ],
@@ -1253,7 +1265,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "mujoco/wrapper/model.py": [
         ("opt.disableflags = before | bits", "opt.disableflags = bits"),
         ("self._shared or copy_of(self._model)", "self._shared or self._model"),
-        ("check_model._model is not last", "check_model is not last"),
+        ("not last.is_of(check_model)", "False"),
     ],
     "mujoco/wrapper/visual.py": [
         ("            np.copyto(self.flags, before)\n", "            pass\n"),

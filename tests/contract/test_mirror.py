@@ -32,6 +32,7 @@ _ACROSS = {
     "gym/test_pixels.py",
     "gym/test_registration.py",
     "mujoco/test_camera_beside_dm_control.py",
+    "mujoco/test_live_attributes.py",
     "planner/test_costs.py",
     "planner/test_planner_benchmark.py",
     "planner/test_sleep.py",

@@ -4,16 +4,48 @@ import dataclasses
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from limberjack.data import Dataset, collect
+from limberjack import mujoco
+from limberjack.data import Dataset, collect, load
 from limberjack.episodes.card import CARD_LINE, median_seed, names_of, write_card
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.manifest import Manifest
+from limberjack.rl import control
+from tests.rl import odd_environments as odd
 
 from .collected import PENDULUM, folder_of
+
+_MODEL = '<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody></mujoco>'
+
+
+class _Pair(odd.Pole):
+    """Observes an array without numbers."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.data.qpos[:] = self.random.uniform(-1, 1)
+
+    def get_observation(self, physics: Any) -> Any:
+        position = physics.position()
+        return {"position": position.copy(), "nothing": position[..., :0].copy()}
+
+
+def _without_motors(seed: int) -> control.Environment:
+    physics = mujoco.Physics.from_xml_string(_MODEL)
+    return control.Environment(physics, _Pair(seed), time_limit=0.1, control_timestep=0.02)
+
+
+def _huge(observation: object) -> np.ndarray:
+    return np.array([1e300, 0.0])
+
+
+def _rows(folder: Path) -> dict[str, str]:
+    """The figures of each column in a card."""
+    card = (folder / "README.md").read_text()
+    return dict(re.findall(r"^\| `(.*?)` \|.*?\|.*?\| (.*) \|$", card, re.MULTILINE))
 
 
 def _parts(dataset: Dataset) -> tuple[Manifest, list[Figures]]:
@@ -40,8 +72,7 @@ def test_a_card_that_the_user_has_changed_stays(tmp_path: Path) -> None:
 
 
 def test_the_statistics_of_a_column_are_those_of_all_of_its_numbers(arms: Dataset) -> None:
-    card = (folder_of(arms) / "README.md").read_text()
-    rows = dict(re.findall(r"^\| `(.*?)` \|.*?\|.*?\| (.*) \|$", card, re.MULTILINE))
+    rows = _rows(folder_of(arms))
     assert list(rows) == [column.name for column in arms.recipe.columns]
     for name, parts in {
         "observation/arm_pos": [episode.observations["arm_pos"] for episode in arms],
@@ -55,6 +86,20 @@ def test_the_statistics_of_a_column_are_those_of_all_of_its_numbers(arms: Datase
             [float(text) for text in rows[name].split(" | ")], expected, rtol=6e-4, atol=1e-9
         )
     assert rows["seed"].split() == ["|"] * 3
+
+
+def test_a_column_without_numbers_has_no_statistics(tmp_path: Path) -> None:
+    collect(_without_motors, None, "zero", range(2), out=tmp_path, num_threads=1)
+    rows = _rows(tmp_path)
+    for name in ("action", "observation/nothing"):
+        assert rows[name].split() == ["|"] * 3
+    assert len(rows["observation/position"].split()) == 7
+    assert len(load(tmp_path)) == 2
+
+
+def test_numbers_that_are_too_large_for_a_deviation_have_none(tmp_path: Path) -> None:
+    collect("reacher", "easy", _huge, range(2), out=tmp_path, time_limit=0.1, num_threads=1)
+    assert _rows(tmp_path)["action"] == "5e+299 | inf | 0 | 1e+300"
 
 
 @pytest.mark.parametrize(

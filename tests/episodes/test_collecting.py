@@ -75,6 +75,17 @@ def test_files_are_written_where_they_were_asked_for_though_the_policy_moves(
     assert len(load(tmp_path / "out")) == 65
 
 
+def test_an_episode_that_no_reader_accepts_is_refused_before_it_is_played(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.episodes.recipe.MOST_NBYTES", 2**18 + 100)
+    played: list[object] = []
+    with pytest.raises(ValueError, match="an episode of 10 steps may take"):
+        _collect(tmp_path / "out", range(2), on_progress=lambda *shown: played.append(shown))
+    assert played == []
+    assert not (tmp_path / "out").exists()
+
+
 def test_episodes_are_those_of_their_seeds_with_everything_that_was_asked_for(
     tmp_path: Path,
 ) -> None:

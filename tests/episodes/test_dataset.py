@@ -141,7 +141,7 @@ def test_transitions_are_found_by_their_numbers(
     whole = next(dataset.batches(700))
     order = np.random.default_rng(0).permutation(700)[:200]
     order = np.concatenate([order, order[:5], [699, 0]])
-    for indices in (order, order - 700, order.astype(np.uint16)):
+    for indices in (order, order - 700, order.astype(np.uint16), order.astype(np.uint64)):
         found = dataset.transitions(indices)
         for field in dataclasses.fields(Batch):
             ours, theirs = getattr(found, field.name), getattr(whole, field.name)
@@ -150,6 +150,9 @@ def test_transitions_are_found_by_their_numbers(
                     np.testing.assert_array_equal(ours[name], theirs[name][order])
             else:
                 np.testing.assert_array_equal(ours, theirs[order])
+    for few in (np.array([0, 5, 100], np.uint8), np.array([0, -1, -128], np.int8)):
+        chosen = whole.actions[few.astype(int)]
+        np.testing.assert_array_equal(dataset.transitions(few).actions, chosen)
     part = pendulums.part(1, 4)
     np.testing.assert_array_equal(part.transitions([0, -1]).actions, whole.actions[[170, 349]])
     monkeypatch.setattr(Shard, "opened", None)  # they are in memory now
@@ -212,7 +215,20 @@ def test_chosen_observations_alone_are_read(arms: Dataset) -> None:
     assert list(chosen.part(0, 2).transitions([0]).observations) == [name]
     assert chosen.seeds == arms.seeds
     assert_equal(chosen[0], arms[0])  # episodes are whole
-    assert len(chosen.select().transitions([0]).observations) == len(arms[0].observations)
+    assert list(arms.observed) == list(arms[0].observations)
+
+
+def test_a_choice_that_is_left_out_stays_as_it_was(pendulums: Dataset) -> None:
+    chosen = pendulums.select(["velocity"], discount=0.9).select(float32=True).select(n_step=3)
+    batch = next(chosen.select().batches(10))
+    expected = pendulums.select(["velocity"], float32=True, discount=0.9, n_step=3)
+    for field in dataclasses.fields(Batch):
+        ours, theirs = (getattr(one, field.name) for one in (batch, next(expected.batches(10))))
+        np.testing.assert_equal(ours, theirs)
+    assert batch.rewards.dtype == np.float32
+    assert next(chosen.select(float32=False).batches(10)).rewards.dtype == np.float64
+    with pytest.raises(ValueError, match="'orientation'; the observations are velocity"):
+        chosen.select(["orientation"])
 
 
 def test_statistics_are_computed_once(pendulums: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -324,6 +340,19 @@ def test_the_card_of_a_policy_is_that_of_the_task_and_the_statistics(pendulums: 
         card.scale, [*observed["orientation"].std + 1e-3, *observed["velocity"].std + 1e-3]
     )
     assert pendulums.policy_card("cloning", environment) == card
+
+
+def test_unlimited_actions_have_the_bound_of_the_caller(tmp_path: Path) -> None:
+    data.collect("lqr", "lqr_2_1", "random", range(2), out=tmp_path, time_limit=0.2, num_threads=1)
+    dataset = load(tmp_path)
+    for card, bound in (
+        (dataset.policy_card("cloning"), 1.0),
+        (dataset.policy_card("cloning", action_bound=4.0), 4.0),
+    ):
+        assert (card.low, card.high) == ((-bound,), (bound,))
+    for wrong in (0, -1.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match=f"action_bound is {wrong}; expected a positive"):
+            dataset.policy_card("cloning", action_bound=wrong)
 
 
 def test_a_card_for_an_environment_with_other_observations_is_refused(pendulums: Dataset) -> None:

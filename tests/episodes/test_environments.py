@@ -49,6 +49,15 @@ def _repeating(seed: int) -> control.Environment:
     return plain_domain.push(random=seed, environment_kwargs={"action_repeat": 3})
 
 
+class _Nested(plain_domain.Push):
+    def get_observation(self, physics: Any) -> Any:
+        return {"arm": {"place": physics.data.qpos.copy()}, "speed": physics.data.qvel.copy()}
+
+
+def _nested(seed: int) -> control.Environment:
+    return _of_task(_Nested(seed))
+
+
 def _catch(seed: int) -> dm_env.Environment:
     return odd.Catch(seed)
 
@@ -73,6 +82,10 @@ def test_an_environment_of_any_class_is_accepted() -> None:
         (plain_domain.endless, "has no time limit, so an episode might never end: give it a time_"),
         (_unseeded, "makes an environment that differs each time it is called with seed 0"),
         (_global, "draws from .*, so an episode does not depend on its seed alone: draw from task"),
+        (
+            _nested,
+            "observation 'arm' is a dict; expected an array: let .*:_nested .* entries, plac",
+        ),
         (
             _longer,
             "differs for seed 1: its episodes have 10 steps of 0.02 s, and those of seed 0 5",

@@ -330,7 +330,7 @@ def test_a_model_field_of_another_size_is_refused(tmp_path: Path) -> None:
 def test_an_episode_that_would_fill_the_memory_is_refused_before_it_is_read(
     pendulum: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("limberjack.episodes.parquet._MOST_BYTES", 1000)
+    monkeypatch.setattr("limberjack.episodes.parquet.MOST_NBYTES", 1000)
     with pytest.raises(ValueError, match="an episode takes more than 1,000 bytes"):
         Shard(pendulum)
 

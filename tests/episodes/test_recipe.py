@@ -11,6 +11,7 @@ from limberjack import suite
 from limberjack.episodes.episode import Kept
 from limberjack.episodes.recipe import Column, Recipe, recipe_of
 from limberjack.rl import control
+from limberjack.rl.pixels import Pixels
 from limberjack.suite import ALL_TASKS, pendulum
 from tests.rl.odd_environments import Repeating
 
@@ -159,6 +160,28 @@ def test_of_versions_only_the_one_that_differs_is_named() -> None:
 def test_a_columns_bytes_are_those_of_its_numbers() -> None:
     assert Column("observation/x", "float32", (2, 3)).nbytes == 24
     assert Column("start", "str").nbytes == 0
+
+
+@pytest.mark.parametrize("kept", [Kept(), Kept(pixels=Pixels(height=480, width=640))])
+def test_an_episode_that_no_reader_accepts_is_refused_with_its_size(kept: Kept) -> None:
+    environment = suite.load(*PENDULUM[:2])
+    row = recipe_of(_RECIPE.facts, environment, kept).row_nbytes
+
+    def of(steps: int) -> Recipe:
+        facts = _RECIPE.facts.copy()
+        facts["time_limit"] = steps * facts["control_timestep"]
+        return recipe_of(facts, environment, kept)
+
+    most = (2**30 - 2**18) // row - 1
+    assert of(most).step_limit == most
+    with pytest.raises(
+        ValueError, match=f"an episode of {most + 1:,} steps may take 1.07 GB"
+    ) as no:
+        of(most + 1)
+    limit = f"{most * _RECIPE.facts['control_timestep']:g}"
+    assert f"give a time_limit of at most {limit} s" in str(no.value)
+    shown = "921,600 of them for pictures of 480 by 640"
+    assert (shown in str(no.value)) is (kept.pixels is not None)
 
 
 class _OwnReward(pendulum.SwingUp):

@@ -1,5 +1,6 @@
 """Datasets in LeRobot's format, read with pandas, and with lerobot: `make test-lerobot`."""
 
+import io
 import json
 import os
 import subprocess
@@ -9,9 +10,12 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 import pytest
+from dm_env import specs
+from PIL import Image
 
-from limberjack.data import Dataset, load
+from limberjack.data import Dataset, collect, load
 from limberjack.episodes.to_lerobot import to_lerobot
+from tests.rl import odd_environments as odd
 
 # The Python of an environment that has lerobot, whose requirements exclude those of the tests.
 _PYTHON = os.environ.get("LEROBOT_PYTHON")
@@ -33,6 +37,36 @@ print(json.dumps({
 """
 
 
+class _Pictured(odd.Pole):
+    """Observes three pictures of 2 by 4 pixels, whose numbers depend on the channel."""
+
+    def get_observation(self, physics: Any) -> Any:
+        place = np.abs(physics.position())[..., None, None, :] * np.arange(1, 10)
+        shape = (*place.shape[:-3], 2, 4, 9)
+        return {"pixels": np.broadcast_to(place * 20, shape).astype(np.uint8)}
+
+
+class _Still(_Pictured):
+    """Observes an array without numbers, and has no actions."""
+
+    def action_spec(self, physics: Any) -> specs.BoundedArray:
+        return specs.BoundedArray((0,), float, -1.0, 1.0)
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        pass
+
+    def get_observation(self, physics: Any) -> Any:
+        return {"nothing": physics.position()[..., :0].copy()}
+
+
+def _pictured(seed: int) -> Any:
+    return odd.of_task(_Pictured, seed)
+
+
+def _still(seed: int) -> Any:
+    return odd.of_task(_Still, seed)
+
+
 def _states(dataset: Dataset) -> np.ndarray:
     """The observations before each step, joined."""
     parts = [
@@ -44,6 +78,12 @@ def _states(dataset: Dataset) -> np.ndarray:
 
 def _frames(folder: Path) -> Any:
     return pd.concat(map(pd.read_parquet, sorted((folder / "data").rglob("*.parquet"))))
+
+
+def _meta(folder: Path) -> tuple[Any, Any]:
+    """The contents of info.json and stats.json."""
+    info, stats = (json.loads((folder / f"meta/{n}.json").read_text()) for n in ("info", "stats"))
+    return info, stats
 
 
 def test_the_frames_are_the_steps(arms: Dataset, tmp_path: Path) -> None:
@@ -97,7 +137,7 @@ def test_files_beyond_those_of_a_folder_are_in_the_next_one(
 def test_info_and_statistics_are_those_of_the_dataset(arms: Dataset, tmp_path: Path) -> None:
     to_lerobot(arms, tmp_path / "out")
     meta = tmp_path / "out" / "meta"
-    info, stats = (json.loads((meta / f"{n}.json").read_text()) for n in ("info", "stats"))
+    info, stats = _meta(tmp_path / "out")
     frames = _frames(tmp_path / "out")
     assert sorted(info["features"]) == sorted(frames.columns)
     size = len(frames["observation.state"].iloc[0])
@@ -111,6 +151,47 @@ def test_info_and_statistics_are_those_of_the_dataset(arms: Dataset, tmp_path: P
     assert stats["action"]["q99"] == statistics.actions.quantiles[0.99].tolist()
     assert {len(stats["observation.state"][name]) for name in ("min", "max", "q01")} == {size}
     assert json.loads((meta / "limberjack.json").read_text()) == arms.recipe.as_json()
+
+
+def test_chosen_observations_alone_are_converted(arms: Dataset, tmp_path: Path) -> None:
+    name = list(arms[0].observations)[1]
+    to_lerobot(arms.select([name]), tmp_path / "out")
+    expected = np.concatenate([one.observations[name][:-1].reshape(5, -1) for one in arms])
+    frames, (info, stats) = _frames(tmp_path / "out"), _meta(tmp_path / "out")
+    found = np.stack(frames["observation.state"])
+    np.testing.assert_array_equal(found, expected.astype(np.float32))
+    state = info["features"]["observation.state"]
+    size = expected.shape[1]
+    assert (state["shape"], state["names"]) == ([size], [f"{name}.{n}" for n in range(size)])
+    spread = arms.statistics().observations[name]
+    assert stats["observation.state"]["mean"] == spread.mean.ravel().tolist()
+
+
+def test_where_only_pictures_are_observed_frames_have_the_last_of_each_stack(
+    tmp_path: Path,
+) -> None:
+    collect(_pictured, None, "random", range(2), out=tmp_path / "in", num_threads=1)
+    dataset = load(tmp_path / "in")
+    to_lerobot(dataset, tmp_path / "out")
+    frames, (info, stats) = _frames(tmp_path / "out"), _meta(tmp_path / "out")
+    contents = frames["observation.images.pixels"]
+    found = [np.asarray(Image.open(io.BytesIO(one["bytes"]))) for one in contents]
+    seen = np.concatenate([episode.observations["pixels"][:-1] for episode in dataset])
+    assert seen.any()
+    np.testing.assert_array_equal(found, seen[..., -3:])
+    assert sorted(info["features"]) == sorted(frames.columns)
+    assert "observation.state" not in frames
+    assert info["features"]["observation.images.pixels"]["shape"] == [2, 4, 3]
+    assert sorted(stats) == ["action", "next.reward"]
+
+
+def test_columns_without_numbers_are_left_out(tmp_path: Path) -> None:
+    collect(_still, None, "zero", range(2), out=tmp_path / "in", num_threads=1)
+    to_lerobot(load(tmp_path / "in"), tmp_path / "out")
+    frames, (info, stats) = _frames(tmp_path / "out"), _meta(tmp_path / "out")
+    assert sorted(info["features"]) == sorted(frames.columns)
+    assert not {"action", "observation.state"} & {*frames.columns}
+    assert sorted(stats) == ["next.reward"]
 
 
 def test_an_earlier_conversion_is_replaced_and_nothing_else(

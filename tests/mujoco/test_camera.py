@@ -406,3 +406,10 @@ def test_an_unknown_style_or_position_of_text_is_refused() -> None:
         TextOverlay(style="bigg")
     with pytest.raises(ValueError, match="position is 'centre'"):
         TextOverlay(position="centre")
+
+
+def test_a_camera_of_a_batch_is_refused() -> None:
+    batch = furnished().replicate(2, 1).physics
+    for make in (Camera, MovableCamera):
+        with pytest.raises(TypeError, match=r"render\(rows, \.\.\.\) of its BatchEnvironment"):
+            make(batch, **SIZE)

@@ -179,6 +179,39 @@ def test_in_a_batch_names_select_the_same_elements_in_each_row(
         np.testing.assert_array_equal(np.asarray(batch), expected)
 
 
+def _masks(shape: tuple[int, ...]) -> list[Any]:
+    """Keys of every kind with booleans for a field of this shape."""
+    mask = np.random.default_rng(0).random(shape) < 0.5
+    rows = mask.any(axis=-1)
+    return [mask, mask.tolist(), rows, rows.tolist(), (rows, "z"), (slice(None), mask[1]), True]
+
+
+# As many rows as bodies, so that a mask of one axis too many would have a valid shape.
+@pytest.mark.parametrize("num_envs", [4, 7])
+def test_in_a_batch_masks_select_the_same_elements_in_each_row(
+    physics: Physics, num_envs: int
+) -> None:
+    xpos = named(physics, "xpos")
+    rows = np.random.default_rng(1).random((num_envs, *xpos.shape))
+    for key in _masks(xpos.shape):
+        batch = FieldIndexer("xpos", rows.copy(), xpos.axes, batch=True)
+        expected = [FieldIndexer("xpos", row, xpos.axes)[key] for row in rows]
+        np.testing.assert_array_equal(batch[key], expected)
+        batch[key] = -1.0
+        for row, values in zip(np.asarray(batch), rows.copy(), strict=True):
+            FieldIndexer("xpos", values, xpos.axes)[key] = -1.0
+            np.testing.assert_array_equal(row, values)
+
+
+def test_a_mask_of_all_axes_and_another_item_are_refused(physics: Physics) -> None:
+    xpos = named(physics, "xpos")
+    mask = np.ones(xpos.shape, bool)
+    batch = FieldIndexer("xpos", np.zeros((physics.model.nbody, *xpos.shape)), xpos.axes, True)
+    for indexer in (xpos, batch):
+        with pytest.raises(IndexError, match="too many indices"):
+            indexer[mask, "x"]
+
+
 def test_a_row_of_names_is_a_view_and_a_list_of_names_is_not(physics: Physics) -> None:
     xpos = named(physics, "xpos")
     view, copied = xpos["boat"], xpos[["boat", "boom"]]
@@ -457,11 +490,32 @@ def test_a_field_cannot_be_replaced_by_mistake() -> None:
 
 def test_named_integers_of_a_model_are_read_as_ordinary_arrays_and_written_with_a_check() -> None:
     physics = suite.load("walker", "walk").physics
-    for named in (physics.named.model, physics.replicate(2, 1).physics.named.model):
+    batch = physics.replicate(2, 1).physics.named.model
+    for field in (physics.named.model.geom_bodyid, batch.geom_bodyid, batch.geom_type):
+        assert type(field[:2]) is np.ndarray
+    for named in (physics.named.model, batch):
         for field in (named.geom_bodyid, named.geom_type):
-            assert type(field[:2]) is type(field[[0, 1]]) is np.ndarray
+            assert type(field[[0, 1]]) is np.ndarray
             assert type(field["floor"]) is np.int32
             with pytest.raises(ValueError, match=r"geom_(bodyid|type).*"):
                 field["floor"] = 106
     physics.named.model.geom_type["torso"] = 5
     assert physics.model._model.geom_type[1] == 5
+
+
+def test_a_view_of_named_integers_is_written_with_a_check() -> None:
+    physics = suite.load("cartpole", "balance").physics
+    named, model = physics.named.model, physics.model
+    named.mat_texid["grid"][1] = 0
+    named.mat_texid["grid"] += 0
+    named.geom_matid[:] *= 1
+    named.cam_resolution["fixed"][0] = 2
+    view = named.geom_condim[:]
+    view[0] = 4
+    assert (model._model.geom_condim[0], *model._model.cam_resolution[0]) == (4, 2, 1)
+    for write in (lambda: view.fill(2), lambda: named.mat_texid["grid"].fill(99)):
+        with pytest.raises(ValueError, match=r"cannot be (2|99).*nothing was changed"):
+            write()
+    copied = named.geom_condim[[0, 1]]
+    copied[:] = 99
+    assert model._model.geom_condim[0] == 4

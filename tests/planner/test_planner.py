@@ -6,13 +6,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from dm_env import specs
 
 import limberjack.gym  # noqa: F401 (registers the environments)
 from limberjack import policies, suite
 from limberjack.planner import ICEM, Cost, Planner, Settings, cost_for
 from limberjack.planner.rollouts import Rollouts
 from limberjack.rl import control
-from limberjack.suite import base
+from limberjack.suite import acrobot, base
 from tests.rollouts import run_episode
 
 from .planned import PLANNED
@@ -144,6 +145,25 @@ def test_actions_are_within_the_bounds_and_differ_with_the_seed(domain: str, tas
         assert (found[-1] >= spec.minimum).all()
         assert (found[-1] <= spec.maximum).all()
     assert not np.array_equal(found[0], found[1])
+
+
+def test_bounds_of_the_tasks_own_that_are_narrower_are_kept() -> None:
+    class Narrow(acrobot.Balance):
+        def action_spec(self, physics: Any) -> specs.BoundedArray:
+            return specs.BoundedArray((1,), float, -0.25, 0.125)
+
+    physics = acrobot.Physics.from_xml_string(*acrobot.get_model_and_assets())
+    env = control.Environment(physics, Narrow(sparse=False, random=5))
+    env.reset()
+    found = _actions(env, Planner(env, num_threads=1, settings=_small(env, interval=1)), 6)
+    assert ((found >= -0.25) & (found <= 0.125)).all()
+    assert (abs(found) > 0.1).any()  # it would like to push harder
+
+
+def test_an_environment_that_repeats_actions_is_refused() -> None:
+    env = suite.load("acrobot", "swingup", action_repeat=2)
+    with pytest.raises(ValueError, match="action_repeat=2, but the planner acts at every control"):
+        Planner(env, num_threads=1)
 
 
 class _Towards(Cost):
@@ -395,6 +415,15 @@ def test_a_plain_function_is_a_cost() -> None:
         bent[policy] = float(env.physics.torso_height())
     assert bent["planner"] > bent["zero"] + 0.01
     assert list(_planned_by(lambda physics: physics.head_height()).explain().terms) == ["cost"]
+
+
+def test_a_cost_may_read_what_the_model_has_none_of() -> None:
+    def cost(physics: Any) -> Any:  # without activations
+        state = physics.state()
+        assert state.shape[1:] == (len(physics.model.qpos0) + physics.model.nv,)
+        return state[..., 2] ** 2 + physics.data.act.sum(axis=-1)
+
+    _planned_by(cost)
 
 
 def _with_an_if(physics: Any) -> dict[str, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack import suite
@@ -32,3 +33,7 @@ def test_a_setting_that_cannot_be_is_named(setting: dict[str, Any], message: str
     env = suite.load("humanoid", "stand", {"random": 5})
     with pytest.raises(ValueError, match=message):
         Planner(env, settings=Settings(**setting))
+
+
+def test_numpys_whole_numbers_are_whole_numbers() -> None:
+    assert Settings(samples=np.int64(8), knots=np.int32(4)).samples == 8  # pyright: ignore[reportArgumentType] (as users write it)

@@ -14,6 +14,7 @@ from limberjack import data, policies, suite, viewer
 from limberjack.evaluation import evaluate
 from limberjack.policies import PolicyError, mlp, networks
 from limberjack.rl.control import Environment
+from limberjack.rl.randomize import scale, shift
 from limberjack.suite.wrappers import pixels
 from limberjack.viewer.session import Session
 from limberjack.workers.shipping import ship, unpack
@@ -235,6 +236,13 @@ def test_what_starts_and_films_set_is_no_other_model(
     assert _logged(name, environment, caplog) == []
     environment.physics.model.opt.timestep *= 2
     assert len(_logged(name, environment, caplog)) == 1
+
+
+def test_options_of_the_model_may_be_drawn_for_each_episode() -> None:
+    draws = {"opt.gravity": scale(0.9, 1.1), "opt.viscosity": shift(0.0, 0.1)}
+    env = suite.load("walker", "walk", {"random": 0}, {"randomize": draws})
+    env.reset()
+    assert policies.find("pretrained", env).name == "pretrained"
 
 
 def test_a_task_with_a_bundled_policy_is_played_by_it(

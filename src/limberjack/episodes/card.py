@@ -14,6 +14,8 @@ import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.manifest import EPISODES, MANIFEST, Manifest
 from limberjack.episodes.places import Place, exists, filling, read
@@ -144,16 +146,22 @@ def _rows(
 ) -> Iterator[str]:
     """The rows of the table: each column, and the statistics of all of its numbers together."""
     for column in columns:
-        figures = _together(found[column.name]) if column.name in found else [""] * len(_NAMES)
+        has_figures = column.name in found and column.size
+        figures = _together(found[column.name]) if has_figures else [""] * len(_NAMES)
         values = (f"`{column.name}`", column.dtype, f"{list(column.shape) or ''}", *figures)
         yield f"| {' | '.join(values)} |"
 
 
 def _together(of: Mapping[str, Sequence[float | None]]) -> list[str]:
     """Mean, deviation, least and greatest of several numbers, each with as many values."""
-    values = {name: [math.nan if v is None else v for v in of[name]] for name in _NAMES}
-    mean = statistics.fmean(values["mean"])
-    # Of each number, the square is that of its deviation and that of its mean's from all.
-    squares = [s**2 + (m - mean) ** 2 for m, s in zip(values["mean"], values["std"], strict=True)]
-    together = (mean, math.sqrt(statistics.fmean(squares)), min(values["min"]), max(values["max"]))
-    return [f"{value:.4g}" for value in together]
+    m, s, least, most = (np.array(of[name], float) for name in _NAMES)
+    with np.errstate(all="ignore"):  # a simulation that diverges may give any number
+        mean = _mean(m)
+        # Of each number, the square is that of its deviation and that of its mean's from all.
+        deviation = np.sqrt(_mean(s**2 + (m - mean) ** 2))
+    return [f"{value:.4g}" for value in (mean, deviation, least.min(), most.max())]
+
+
+def _mean(values: np.ndarray) -> np.float64:
+    """The mean of numbers, (n,), added in their order, so that no processor changes a bit."""
+    return np.cumsum(values)[-1] / len(values)

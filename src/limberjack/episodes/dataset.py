@@ -21,6 +21,7 @@ import contextlib
 import dataclasses
 import functools
 import itertools
+import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
@@ -50,7 +51,7 @@ from limberjack.episodes.recipe import OBSERVATION, Column, Recipe
 from limberjack.episodes.statistics import Score, Summary, strata, summarise
 from limberjack.policies import mlp
 from limberjack.policies.networks import layout_of
-from limberjack.rl.action_specs import spec_of
+from limberjack.rl.action_specs import bounds_to_try, spec_of
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.suggest import did_you_mean
 
@@ -131,8 +132,8 @@ class Dataset:
         return [0, *itertools.accumulate(map(len, self._chosen[:-1]))]
 
     @functools.cached_property
-    def _observed(self) -> list[str]:
-        """The names of the observations that are read."""
+    def observed(self) -> list[str]:
+        """The names of the observations that are read, in the order of their columns."""
         names = [c.name.removeprefix(OBSERVATION) for c in self._columns()]
         chosen = self._reading.observations
         return names if chosen is None else [name for name in names if name in chosen]
@@ -149,6 +150,11 @@ class Dataset:
     def episodes_of(self, number: int) -> Iterator[Episode]:
         """The episodes of a file, by its number."""
         with self.shards[number].opened() as read:
+            yield from map(read, self._chosen[number])
+
+    def selected_of(self, number: int) -> Iterator[Episode]:
+        """The episodes of a file, by its number, with the observations of `observed` alone."""
+        with self._opened(number) as read:
             yield from map(read, self._chosen[number])
 
     def episode(self, seed: int) -> Episode:
@@ -217,7 +223,8 @@ class Dataset:
         outside = given[(given < -steps) | (given >= steps)]
         if len(outside):
             raise IndexError(f"index {outside[0]} is out of range; there are {steps} transitions")
-        return np.where(given < 0, given + steps, given).astype(np.int64)
+        given = given.astype(np.int64)  # a narrower type may not have room for the steps
+        return np.where(given < 0, given + steps, given)
 
     def _rows_of(self, numbers: Iterable[int]) -> Iterator[Rows]:
         """The steps of some episodes, whose numbers increase; those not kept are read."""
@@ -240,25 +247,23 @@ class Dataset:
 
     def _opened(self, number: int) -> contextlib.AbstractContextManager[Callable[[int], Episode]]:
         """A function that reads episodes of a file with the chosen observations."""
-        return self.shards[number].opened(self._observed)
-
-    def _read(self, number: int) -> Iterator[Episode]:
-        """The episodes of a file with the chosen observations."""
-        with self._opened(number) as read:
-            yield from map(read, self._chosen[number])
+        return self.shards[number].opened(self.observed)
 
     def select(
         self,
         observations: Iterable[str] | None = None,
         *,
-        float32: bool = False,
+        float32: bool | None = None,
         discount: float | None = None,
-        n_step: int = 1,
+        n_step: int | None = None,
     ) -> "Dataset":
         """The same episodes; `batches`, `windows`, `transitions` and `statistics` differ.
 
+        A choice that is left out stays as it is in this dataset: of the files, all observations,
+        float64, no discount, and single steps.
+
         Args:
-          observations: the names of those to read, instead of all of them.
+          observations: the names of those to read, some of `observed`.
           float32: observations, actions, rewards and returns as float32 instead of float64.
           discount: of a reward one step later, from 0 to 1. Batches then have `discounts` and
             `returns_to_go`, and windows `returns_to_go`.
@@ -268,24 +273,35 @@ class Dataset:
         Raises:
           ValueError: there is no such observation, or a number is out of range.
         """
-        chosen = None if observations is None else tuple(observations)
-        names = [c.name.removeprefix(OBSERVATION) for c in self._columns()]
-        for name in chosen or ():
+        if discount is not None and not 0 <= discount <= 1:
+            raise ValueError(f"discount is {discount!r}; expected a number from 0 to 1")
+        given = {
+            "observations": None if observations is None else self._checked_names(observations),
+            "float32": float32,
+            "discount": discount,
+            "n_step": None if n_step is None else at_least_one("n_step", n_step),
+        }
+        changes = {name: value for name, value in given.items() if value is not None}
+        reading = dataclasses.replace(self._reading, **changes)
+        if reading.n_step > 1 and reading.discount is None:
+            raise ValueError(
+                f"n_step is {reading.n_step}, and there is no discount; give 1.0 for sums"
+            )
+        files = list(self._files.values())
+        return Dataset(self.shards, self._chosen, files, self._gaps, reading)
+
+    def _checked_names(self, observations: Iterable[str]) -> tuple[str, ...]:
+        """The names of some observations; raises ValueError if one is not read here."""
+        chosen, names = tuple(observations), self.observed
+        for name in chosen:
             if name not in names:
                 raise ValueError(
                     f"unknown column {name!r}; the observations are {', '.join(names)}."
                     f"{did_you_mean(name, names)}"
                 )
-        if chosen is not None and not chosen:
+        if not chosen:
             raise ValueError(f"observations is empty; choose from {', '.join(names)}")
-        if discount is not None and not 0 <= discount <= 1:
-            raise ValueError(f"discount is {discount!r}; expected a number from 0 to 1")
-        n_step = at_least_one("n_step", n_step)
-        if n_step > 1 and discount is None:
-            raise ValueError(f"n_step is {n_step}, and there is no discount; give 1.0 for sums")
-        reading = Reading(chosen, float32, discount, n_step)
-        files = list(self._files.values())
-        return Dataset(self.shards, self._chosen, files, self._gaps, reading)
+        return chosen
 
     def _columns(self) -> list[Column]:
         """The columns of observations."""
@@ -298,16 +314,20 @@ class Dataset:
           ValueError: a file is damaged.
         """
         if self._statistics is None:
-            names = {OBSERVATION + name for name in self._observed}
+            names = {OBSERVATION + name for name in self.observed}
             wanted = {*names, "action", "reward"}
             columns = (c for c in self.recipe.columns if c.name in wanted and c.has_figures)
             recipe = dataclasses.replace(self.recipe, columns=tuple(columns))
-            files = map(self._read, range(len(self.shards)))
+            files = map(self.selected_of, range(len(self.shards)))
             self._statistics = statistics_of(files, recipe, self.lengths)
         return self._statistics
 
     def policy_card(
-        self, algorithm: str, environment: dm_env.Environment | None = None
+        self,
+        algorithm: str,
+        environment: dm_env.Environment | None = None,
+        *,
+        action_bound: float = 1.0,
     ) -> mlp.Card:
         """The card of a policy that learns from this dataset, for `mlp.save`.
 
@@ -316,10 +336,14 @@ class Dataset:
         Args:
           algorithm: that learns, such as 'behaviour cloning'.
           environment: whose observations and actions the policy has; None for the suite's task.
+          action_bound: largest absolute action, where the task has no bounds of its own.
 
         Raises:
-          ValueError: the dataset is of no task of the suite, or lacks an observation.
+          ValueError: the dataset is of no task of the suite, or lacks an observation, or
+            `action_bound` is no positive number.
         """
+        if not 0 < action_bound < math.inf:
+            raise ValueError(f"action_bound is {action_bound!r}; expected a positive number")
         facts = self.recipe.facts
         if environment is None:
             if "domain" not in facts:
@@ -338,8 +362,7 @@ class Dataset:
             for part in ("mean", "std")
         )
         low, high = (
-            tuple(np.broadcast_to(bound, actions.shape).ravel().tolist())
-            for bound in (actions.minimum, actions.maximum)
+            tuple(bound.ravel().tolist()) for bound in bounds_to_try(actions, action_bound)
         )
         return mlp.Card(
             layout,
@@ -467,7 +490,7 @@ class Dataset:
         """The steps of each file, of which one is in memory at a time."""
         files = len(self.shards)
         for number in range(files) if random is None else random.permutation(files):
-            yield Rows(list(self._read(number)), self._reading)
+            yield Rows(list(self.selected_of(number)), self._reading)
 
 
 def _form(length: int, stride: int, pad: tuple[int, int]) -> Form:

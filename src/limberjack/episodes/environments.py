@@ -5,7 +5,7 @@ repeat = checked_repeat(None, environment, actor)
 """
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import dm_env
 
@@ -16,6 +16,7 @@ from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import is_reproducible
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
+from limberjack.rl.row_step import as_mapping
 from limberjack.rl.row_trial import draws_globally
 from limberjack.workers.factories import Factory
 
@@ -50,8 +51,9 @@ def checked_environment(
       limit: how the caller's user sets a time limit, for messages.
 
     Raises:
-      ValueError: they never end, draw from a stream that environments share, could belong to
-        another environment, or cannot be vectorised although that is asked for.
+      ValueError: they never end, draw from a stream that environments share, have nested
+        observations, could belong to another environment, or cannot be vectorised although that
+        is asked for.
     """
     if is_kept and not factory.is_known:
         raise ValueError(_why_unknown(factory))
@@ -63,11 +65,12 @@ def checked_environment(
     if "environment" in factory.facts:  # a user's own
         with contextlib.closing(factory.make(seeds[0])) as trial:
             shared = draws_globally(trial, spec_of(trial))
-        if shared is not None:
-            raise ValueError(
-                f"{factory.title} draws from {shared}, so an episode does not depend on its seed "
-                "alone: draw from task.random, which has the seed"
-            )
+            if shared is not None:
+                raise ValueError(
+                    f"{factory.title} draws from {shared}, so an episode does not depend on its "
+                    "seed alone: draw from task.random, which has the seed"
+                )
+            _check_observation(factory, as_mapping(trial.reset().observation))
         _check_seeding(factory, environment, seeds)
     if vectorised:
         _check_vectorised(factory)
@@ -98,6 +101,16 @@ def _check_vectorised(factory: Factory) -> None:
     """Raises ValueError if the task cannot be vectorised."""
     build = factory.build(factory.make(0))
     batch_of(build, 1, 1, vectorised=True, seed=0, action_repeat=1).close()
+
+
+def _check_observation(factory: Factory, observation: Mapping[str, object]) -> None:
+    """Raises ValueError if observations are nested."""
+    for name, value in observation.items():
+        if isinstance(value, Mapping):
+            raise ValueError(
+                f"observation {name!r} is a dict; expected an array: let {factory.title} observe "
+                f"each of its entries, {', '.join(map(str, value))}, under a name of its own"
+            )
 
 
 def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: Sequence[int]) -> None:

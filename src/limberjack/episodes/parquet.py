@@ -39,6 +39,7 @@ from limberjack.episodes.recipe import (
     FIELD,
     FORMAT,
     GROUP_NBYTES,
+    MOST_NBYTES,
     OBSERVATION,
     PIXELS,
     Column,
@@ -81,7 +82,6 @@ _LEVEL = 1  # of zstd: higher ones take longer and save 0.2 % of the humanoid's 
 # PNG 7.6 and 8.1, because pictures that follow each other are alike.
 _LEVEL_OF_PIXELS = 3
 _PICTURE = ("bytes", "path")
-_MOST_BYTES = 2**30  # of a row group; an hour of a humanoid's steps with states takes a third of it
 
 
 class Shard:
@@ -121,8 +121,8 @@ class Shard:
         self._groups = _starts(groups)  # rows of groups, and the end
         if not set(self._groups) <= set(self._firsts):
             raise self._damaged("its row groups are not of whole episodes")
-        if max(groups) * sum(column.nbytes for column in self.recipe.columns) > _MOST_BYTES:
-            raise self._damaged(f"an episode takes more than {_MOST_BYTES:,} bytes")
+        if max(groups) * self.recipe.row_nbytes > MOST_NBYTES:
+            raise self._damaged(f"an episode takes more than {MOST_NBYTES:,} bytes")
 
     @property
     def rows(self) -> int:
@@ -389,7 +389,7 @@ def _write(
 
 def _groups(recipe: Recipe, episodes: Iterable[Episode]) -> Iterator[list[Episode]]:
     """The episodes of each row group, which depend on their lengths alone."""
-    row = sum(column.nbytes for column in recipe.columns)
+    row = recipe.row_nbytes
     group: list[Episode] = []
     for episode in episodes:
         group.append(episode)

@@ -41,6 +41,7 @@ __all__ = [
     "FILE_MB",
     "FORMAT",
     "GROUP_NBYTES",
+    "MOST_NBYTES",
     "OBSERVATION",
     "PIXELS",
     "Column",
@@ -58,6 +59,7 @@ FILE_MB = 100.0  # megabytes of a file before compression
 # Bytes before compression from which a row group is complete. It takes 1,500 in the footer with 15
 # columns, so that a footer is about 1 % of a file; and reading one episode reads its row group.
 GROUP_NBYTES = 2**18
+MOST_NBYTES = 2**30  # of a row group; an hour of a humanoid's steps with states takes a third of it
 OBSERVATION, FIELD = "observation/", "field/"  # prefixes of columns
 PIXELS = OBSERVATION + PIXELS_KEY  # column of pictures
 
@@ -239,11 +241,15 @@ class Recipe:
         return round(seconds / self.facts["control_timestep"])
 
     @property
+    def row_nbytes(self) -> int:
+        """Bytes of a row before compression, if each row has the model fields."""
+        return sum(column.nbytes for column in self.columns)
+
+    @property
     def episode_nbytes(self) -> int:
         """Bytes of the longest episode before compression."""
         once = sum(c.nbytes for c in self.columns if c.name.startswith(FIELD))
-        row = sum(column.nbytes for column in self.columns) - once
-        return once + row * (self.step_limit + 1)
+        return once + (self.row_nbytes - once) * (self.step_limit + 1)
 
     @property
     def unit(self) -> int:
@@ -276,7 +282,8 @@ def recipe_of(
       file_mb: megabytes of a file before compression.
 
     Raises:
-      ValueError, TypeError: `file_mb` is not a positive number.
+      ValueError, TypeError: `file_mb` is not a positive number, or the longest episode would be
+        larger than any reader accepts.
     """
     # Without an entry for the suite's own world, as before there were others.
     present = {name: fact for name, fact in facts.items() if name != "world" or fact is not None}
@@ -285,7 +292,29 @@ def recipe_of(
         prefix, _, path = policy.partition(":")
         policy = f"{prefix}:{Path(path).name}"
     columns = _columns(environment, kept)
-    return Recipe(cast(Facts, {**present, "policy": policy}), kept, columns, _file_mb(file_mb))
+    named = cast(Facts, {**present, "policy": policy})
+    recipe = Recipe(named, kept, columns, _file_mb(file_mb))
+    _check_size(recipe)
+    return recipe
+
+
+def _check_size(recipe: Recipe) -> None:
+    """Raises ValueError if a row group that ends with the longest episode is too large."""
+    steps, row, most = recipe.step_limit, recipe.row_nbytes, MOST_NBYTES - GROUP_NBYTES
+    size = (steps + 1) * row
+    if size <= most:
+        return
+    seconds = (most // row - 1) * recipe.facts["control_timestep"]
+    pictures = [column for column in recipe.columns if column.name == PIXELS]
+    shown = "".join(
+        f", {column.nbytes:,} of them for pictures of {' by '.join(map(str, column.shape[:2]))}"
+        for column in pictures
+    )
+    raise ValueError(
+        f"an episode of {steps:,} steps may take {size / 1e9:.3g} GB, {row:,} bytes a row{shown}; "
+        f"expected at most {most / 1e9:.3g} GB: give a time_limit of at most {seconds:g} s, "
+        f"{'smaller pictures, ' if pictures else ''}or keep less of each step"
+    )
 
 
 def environments_of(recipe: Recipe, make: Make | None = None) -> tuple[dm_env.Environment, Factory]:

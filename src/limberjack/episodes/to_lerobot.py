@@ -6,8 +6,10 @@
 A frame is a step: the observations before it, joined into `observation.state`, its action, reward
 and end, all of them float32, as LeRobot's policies expect. So the frames train, but do not replay,
 and the last observation of an episode, states and model fields stay in Limberjack's own files.
-Pixels are `observation.images.pixels`, as PNG. A file of frames has the episodes of a file of the
-dataset.
+Pixels are `observation.images.pixels`, as PNG: of a stack of pictures, or of those of several
+cameras, the last one (three channels). Where only pixels are observed, frames have no
+`observation.state`. Observations that `Dataset.select` leaves out are neither in the frames nor in
+the statistics. A file of frames has the episodes of a file of the dataset.
 
 This module needs no lerobot, whose requirements exclude those of Limberjack.
 """
@@ -35,6 +37,7 @@ __all__ = ["to_lerobot"]
 
 _VERSION = "v3.0"  # of the format
 _IMAGES = "observation.images.pixels"
+_CHANNELS = 3  # of a picture: red, green, blue
 _STATE, _ACTION, _REWARD = "observation.state", "action", "next.reward"
 _PER_CHUNK = 1000  # files of a folder
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -58,7 +61,7 @@ def to_lerobot(dataset: Dataset, folder: Path | str, on_progress: OnProgress | N
     """Writes a dataset in LeRobot's format.
 
     Args:
-      dataset: of any environment.
+      dataset: of any environment; its observations are those that `select` has chosen.
       folder: to be created; an earlier conversion is replaced.
       on_progress: called after each episode, as by `limberjack.evaluation.evaluate`.
 
@@ -87,7 +90,7 @@ def _write(dataset: Dataset, folder: Path, on_progress: OnProgress | None) -> No
 
     def tables(file: int) -> Iterator[Mapping[str, Plain]]:
         # The episodes first: at the end of a file `zip` takes no number for nothing.
-        for episode, number in zip(dataset.episodes_of(file), numbers, strict=False):
+        for episode, number in zip(dataset.selected_of(file), numbers, strict=False):
             yield _frames(episode, number, int(firsts[number]), timestep)
             if on_progress is not None:
                 on_progress("converting", number + 1, 0.0)
@@ -137,15 +140,19 @@ def _made(folder: Path, form: str, number: int) -> Path:
 def _frames(episode: Episode, number: int, first: int, timestep: float) -> dict[str, Plain]:
     """The frames of an episode by the names of their columns."""
     steps = np.arange(episode.length)
-    found: dict[str, Plain] = {
+    joined = {
         _STATE: _joined(list(_numbers(episode).values()), episode.length),
         _ACTION: _joined([episode.actions], episode.length),
+    }
+    found: dict[str, Plain] = {
+        **{name: values for name, values in joined.items() if values.size},
         _REWARD: episode.rewards.astype(np.float32),
         "next.done": episode.terminated | episode.truncated,
         "next.terminated": episode.terminated,
     }
     if PIXELS_KEY in episode.observations:
-        found[_IMAGES] = [png.encode(one) for one in episode.observations[PIXELS_KEY][:-1]]
+        pictures = [one[..., -_CHANNELS:] for one in episode.observations[PIXELS_KEY][:-1]]
+        found[_IMAGES] = [*map(png.encode, pictures)]
     if episode.success is not None:
         found["next.success"] = episode.success
     places = (steps * timestep, steps, steps * 0 + number, steps + first, steps * 0)
@@ -161,38 +168,20 @@ def _numbers(episode: Episode) -> dict[str, np.ndarray]:
 
 def _joined(parts: Sequence[np.ndarray], rows: int) -> np.ndarray:
     """The numbers of the first rows of some arrays beside each other, (rows, n)."""
-    flat = [part[:rows].reshape(rows, -1) for part in parts]
-    return np.concatenate(flat, axis=1).astype(np.float32)
+    none = np.empty((rows, 0), bool)  # whose type changes no other's
+    flat = [part[:rows].reshape(rows, -1) if part.size else none for part in parts]
+    return np.concatenate([none, *flat], axis=1).astype(np.float32)
 
 
 def _info(dataset: Dataset) -> dict[str, object]:
     """The content of info.json."""
-    facts, columns = dataset.recipe.facts, dataset.recipe.columns
-    observed = [c for c in columns if c.name.startswith(OBSERVATION) and c.name != PIXELS]
-    (action,) = (c for c in columns if c.name == "action")
-    names = [
-        f"{c.name.removeprefix(OBSERVATION)}.{number}" for c in observed for number in range(c.size)
-    ]
-    features = {
-        _STATE: _feature("float32", len(names), names),
-        _ACTION: _feature("float32", action.size, [f"{n}" for n in range(action.size)]),
-        _REWARD: _feature("float32"),
-        "next.done": _feature("bool"),
-        "next.terminated": _feature("bool"),
-    }
-    for column in columns:
-        if column.name == PIXELS:
-            names = ["height", "width", "channels"]
-            features[_IMAGES] = {"dtype": "image", "shape": [*column.shape], "names": names}
-    if any(column.name == "success" for column in columns):
-        features["next.success"] = _feature("bool")
-    features |= {name: _feature(dtype) for name, dtype in _PLACE.items()}
+    facts = dataset.recipe.facts
     rate = round(1 / facts["control_timestep"], 6)  # frames a second
     return {
         "codebase_version": _VERSION,
         "robot_type": facts.get("domain"),
         "fps": int(rate) if rate == int(rate) else rate,
-        "features": features,
+        "features": _features(dataset),
         "total_episodes": len(dataset),
         "total_frames": dataset.steps,
         "total_tasks": 1,
@@ -203,6 +192,30 @@ def _info(dataset: Dataset) -> dict[str, object]:
     }
 
 
+def _features(dataset: Dataset) -> dict[str, dict[str, object]]:
+    """The type, the shape and the names of the numbers of each column of the frames."""
+    columns = {column.name: column for column in dataset.recipe.columns}
+    chosen = [columns[OBSERVATION + name] for name in dataset.observed]
+    observed = [c for c in chosen if c.size and c.name != PIXELS]
+    parts = {
+        _STATE: [
+            f"{c.name.removeprefix(OBSERVATION)}.{number}"
+            for c in observed
+            for number in range(c.size)
+        ],
+        _ACTION: [f"{number}" for number in range(columns["action"].size)],
+    }
+    features = {n: _feature("float32", len(names), names) for n, names in parts.items() if names}
+    features[_REWARD] = _feature("float32")
+    features |= {name: _feature("bool") for name in ("next.done", "next.terminated")}
+    if columns.get(PIXELS) in chosen:
+        shape, names = [*columns[PIXELS].shape[:2], _CHANNELS], ["height", "width", "channels"]
+        features[_IMAGES] = {"dtype": "image", "shape": shape, "names": names}
+    if "success" in columns:
+        features["next.success"] = _feature("bool")
+    return features | {name: _feature(dtype) for name, dtype in _PLACE.items()}
+
+
 def _feature(dtype: str, size: int = 1, names: Sequence[str] | None = None) -> dict[str, object]:
     return {"dtype": dtype, "shape": [size], "names": names}
 
@@ -210,11 +223,13 @@ def _feature(dtype: str, size: int = 1, names: Sequence[str] | None = None) -> d
 def _statistics(dataset: Dataset) -> dict[str, object]:
     """The content of stats.json; the last observation of each episode counts here."""
     found = dataset.statistics()
-    return {
-        _STATE: _spreads(list(found.observations.values())),
-        _ACTION: _spreads([found.actions]),
-        _REWARD: _spreads([found.rewards]),
+    columns = {
+        _STATE: list(found.observations.values()),
+        _ACTION: [found.actions],
+        _REWARD: [found.rewards],
     }
+    has_numbers = {name: any(one.mean.size for one in parts) for name, parts in columns.items()}
+    return {name: _spreads(parts) for name, parts in columns.items() if has_numbers[name]}
 
 
 def _spreads(parts: Sequence[Spread]) -> dict[str, list[float]]:

@@ -147,7 +147,13 @@ class Camera:
         Raises:
           ValueError: there is no such camera, or the size is not positive or exceeds the model's
             off-screen buffer.
+          TypeError: the physics is of a batch.
         """
+        if getattr(physics, "num_envs", None) is not None:
+            raise TypeError(
+                "a camera cannot show the physics of a batch: call render(rows, ...) of its "
+                "BatchEnvironment"
+            )
         self._height, self._width = checked_size(physics, height, width)
         self._physics = physics
         self._scene_callback = scene_callback

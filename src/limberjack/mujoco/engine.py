@@ -11,12 +11,15 @@ A domain subclasses it with the quantities its tasks measure. A `Physics` has on
 batch of them, which steps, saves and loads (`simulation.py`); a batch's arrays have a leading axis.
 Names are looked up by `index.py` and pictures drawn by `camera.py`. `action_spec` describes a
 model's controls.
+
+It is one idea, and long: most of it is the interface of dm_control's class.
 """
 
 import contextlib
+import copy
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NoReturn, Self, cast
+from typing import Any, Self, cast
 
 import mujoco
 import numpy as np
@@ -51,6 +54,7 @@ from limberjack.mujoco.single_simulation import SingleSimulation, advance
 from limberjack.mujoco.wrapper.sharing import compiled
 from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.rl import control as _control
+from limberjack.rl.references import is_live, reachable
 from limberjack.utils.log import log
 
 __all__ = [
@@ -161,13 +165,13 @@ class Physics(_control.Physics):
         rows = "" if self.num_envs is None else f", {self.num_envs} rows"
         return f"<{name}{rows}: nq={self.model.nq}, nv={self.model.nv}, nu={self.model.nu}>"
 
-    def __getattr__(self, name: str) -> NoReturn:
+    def __getattr__(self, name: str) -> Any:  # raises; of the property that raised
         if name in ("_data", "_simulation"):
             raise RuntimeError(
                 "this Physics is closed or was never initialised: create one with a from_... "
                 "constructor, or load an environment"
             )
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return object.__getattribute__(self, name)  # raises, as a property's own error does
 
     @property
     def simulation(self) -> Simulation:
@@ -217,7 +221,7 @@ class Physics(_control.Physics):
         """This physics evaluated on other fields, such as those of a `BatchSimulation`."""
         cls: type[Self] = type(self)
         other = cls.__new__(cls)
-        vars(other).update(self._shared_attributes())
+        vars(other).update(self._kept_attributes())
         other._simulation = cast(Simulation, fields)  # read-only ones raise when stepped
         other._forget_arrays()
         return other
@@ -232,11 +236,22 @@ class Physics(_control.Physics):
             if name not in own and not isinstance(getattr(cls, name, None), cached)
         }
 
+    def _kept_attributes(self) -> dict[str, object]:
+        """Those of `_shared_attributes` that another simulation may have: none shows this one."""
+        return {n: v for n, v in self._shared_attributes().items() if not self._shows_this(v)}
+
+    def _shows_this(self, value: object) -> bool:
+        """Whether a value is, holds or views this simulation's state, model or arrays."""
+        whole = (self._data, self._data.model, self._data._data, self._data.model._model)
+        return any(
+            is_live(part) or any(part is one for one in whole) for _, part in reachable(value)
+        )
+
     def _forget_arrays(self) -> None:
         vars(self).pop("named", None)
         self._data = RowsData(self._simulation)
 
-    def __single(self, what: str, instead: str) -> SingleSimulation:
+    def _only_single(self, what: str, instead: str) -> SingleSimulation:
         """The simulation; raises TypeError if it is a batch, with the call to use instead."""
         simulation = self._simulation
         if type(simulation) is not SingleSimulation:
@@ -289,7 +304,7 @@ class Physics(_control.Physics):
         """
         simulation = self._simulation
         if type(simulation) is not SingleSimulation:
-            simulation = self.__single("step()", "call step(actions) of its BatchEnvironment")
+            simulation = self._only_single("step()", "call step(actions) of its BatchEnvironment")
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
         earlier = simulation.set_warnings_aside()
@@ -316,7 +331,8 @@ class Physics(_control.Physics):
         Raises:
           ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
         """
-        simulation = self.__single("step_in_parts()", "call step(actions) of its BatchEnvironment")
+        instead = "call step(actions) of its BatchEnvironment"
+        simulation = self._only_single("step_in_parts()", instead)
         nstep = checked_steps(nstep)
         earlier = simulation.set_warnings_aside()
         record = simulation.begin_step if self.legacy_step else simulation.begin_step_whole
@@ -344,7 +360,7 @@ class Physics(_control.Physics):
           ValueError: there is no such keyframe.
           TypeError: `keyframe_id` is not a whole number, or these are the rows of a batch.
         """
-        self.__single("reset()", "call reset(rows) of its BatchEnvironment")
+        self._only_single("reset()", "call reset(rows) of its BatchEnvironment")
         if keyframe_id is not None and not isinstance(keyframe_id, int | np.integer):
             raise TypeError(
                 f"keyframe_id is {keyframe_id!r}; expected a keyframe's number, or None"
@@ -450,13 +466,13 @@ class Physics(_control.Physics):
           share_model: whether both use one model, so that edits affect both.
         """
         instead = "take a snapshot() of its BatchEnvironment, or deepcopy it"
-        simulation = self.__single("copy()", instead).copy(share_model)
+        simulation = self._only_single("copy()", instead).copy(share_model)
         new = type(self).__new__(type(self))
-        new.__setstate__((simulation, self.__settings()))
+        new.__setstate__((simulation, self._kept_settings()))
         return new
 
     def __getstate__(self) -> tuple[Simulation, dict[str, object]]:
-        return self.__single("pickling", "pickle its BatchEnvironment"), self.__settings()
+        return self._only_single("pickling", "pickle its BatchEnvironment"), self._kept_settings()
 
     def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         self.become(state)
@@ -465,13 +481,21 @@ class Physics(_control.Physics):
 
     def become(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         """Adopts the exact state returned by another simulation's `__getstate__`."""
-        self._simulation, settings = state
-        self._data = state[0].data
+        simulation, settings = state
+        if type(self)._reload_from_data is not Physics._reload_from_data:
+            self._reload_exactly(simulation.data)
+        self._simulation, self._data = simulation, simulation.data
         vars(self).update(settings)
 
-    def __settings(self) -> dict[str, object]:
+    def _reload_exactly(self, data: wrapper.MjData) -> None:
+        """Calls a subclass's `_reload_from_data`, as in dm_control, and keeps every quantity."""
+        before = copy.copy(data)
+        self._reload_from_data(data)
+        mujoco.mj_copyData(data._data, data.model._model, before._data)
+
+    def _kept_settings(self) -> dict[str, object]:
         """The attributes that copies keep: settings, and what a subclass adds."""
-        own = self._shared_attributes()
+        own = self._kept_attributes()
         own.pop("_warnings_cause_exception", None)
         return own
 
@@ -536,7 +560,7 @@ class Physics(_control.Physics):
         Returns:
           (height, width, 3) uint8 unless `depth` or `segmentation` is set.
         """
-        self.__single("render()", "call render(rows, ...) of its BatchEnvironment")
+        self._only_single("render()", "call render(rows, ...) of its BatchEnvironment")
         what = height, width, camera_id, overlays, depth, segmentation
         how = scene_option, render_flag_overrides, scene_callback, quality
         return camera.render(self, *what, *how)
@@ -577,8 +601,12 @@ def action_spec(physics: Physics) -> specs.BoundedArray:
 
 
 def _recompute(physics: Physics) -> None:
-    """Recomputes every quantity with actuation disabled, by `forward` where a user defines it."""
-    if type(physics).forward is not Physics.forward:
+    """Recomputes every quantity with actuation disabled.
+
+    In a single simulation it calls `forward` where a user defines it; the start of a row calls no
+    method of the physics.
+    """
+    if type(physics).forward is not Physics.forward and physics._simulation.num_envs is None:
         with physics.model.disable("actuation"):
             physics.forward()
         return

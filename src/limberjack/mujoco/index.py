@@ -22,6 +22,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco import fields
+from limberjack.mujoco.read_only import Checked
 from limberjack.utils.arrays import index_for
 from limberjack.utils.suggest import did_you_mean
 
@@ -212,7 +213,9 @@ class FieldIndexer:
 
     def _in_batch(self, index: tuple) -> tuple:
         """The index for an array with a leading batch axis: `...`, then one item per other axis."""
-        rest = self._field.ndim - 1 - len(index)
+        rest = self._field.ndim - 1 - sum(map(_axes_taken, index))
+        if rest < 0:
+            raise IndexError(f"too many indices for a row of {self._name}: {index!r}")
         return (..., *index, *(slice(None),) * rest)
 
     def _flattened(self, index: tuple) -> _Resolved:
@@ -261,14 +264,18 @@ class FieldIndexer:
 class _IntegerIndexer(FieldIndexer):
     """Indexer of an integer field of a model, whose writes are checked or refused.
 
-    Reading gives ordinary arrays, as with other indexers; views among them are read-only.
+    Reading gives ordinary arrays, as with other indexers, except that a view of a checked field
+    checks its writes too. Views of other fields are read-only.
     """
 
     __slots__ = ()
 
     def __getitem__(self, key: object) -> np.ndarray:
         value = super().__getitem__(key)
-        return value.view(np.ndarray) if isinstance(value, np.ndarray) else value
+        if not isinstance(value, np.ndarray):
+            return value
+        is_view = isinstance(value, Checked) and not value.flags.writeable
+        return value if is_view else value.view(np.ndarray)
 
 
 class NamedFields:
@@ -354,6 +361,13 @@ def _refuse(item: object) -> None:
         raise IndexError("None indexing not supported.")
     elif isinstance(item, (str, bytes)) and not item:
         raise IndexError("Empty strings are not allowed.")
+
+
+def _axes_taken(item: Any) -> int:  # Any: what NumPy indexes with
+    """The number of an array's axes that an item of an index selects from."""
+    if isinstance(item, bool | list):
+        item = np.asarray(item)
+    return item.ndim if getattr(item, "dtype", None) == np.dtype(bool) else 1
 
 
 def _frozen(key: object) -> Hashable:

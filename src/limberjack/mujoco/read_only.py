@@ -272,7 +272,9 @@ class ReadOnlyStruct:
         value = getattr(self._struct, name)
         if isinstance(value, np.ndarray):
             return ReadOnly.of(value, _COMMON.format(f"{self._name}.{name}"))
-        return value
+        if callable(value) or isinstance(value, int | float | str | bytes):
+            return value
+        return ReadOnlyStruct(value, f"{self._name}.{name}")
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in self._own:

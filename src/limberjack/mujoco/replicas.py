@@ -55,7 +55,7 @@ class _Physics(SimulatedPhysics, Protocol):
 
     def free(self) -> None: ...
 
-    def _shared_attributes(self) -> dict[str, object]: ...
+    def _kept_attributes(self) -> dict[str, object]: ...
 
     def _forget_arrays(self) -> None: ...
 
@@ -103,7 +103,7 @@ class Replicas(Generic[_P]):
     @staticmethod
     def _set_up(one: _P, like: _P) -> None:
         """Copies settings from one physics to another, `legacy_step` among them."""
-        vars(one).update(like._shared_attributes())
+        vars(one).update(like._kept_attributes())
         one.simulation.sets_constants = like.simulation.sets_constants
 
     @contextlib.contextmanager

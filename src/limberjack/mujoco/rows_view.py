@@ -7,7 +7,7 @@ They have the fields of the official structs, with one row per simulation. They 
 """
 
 import functools
-from typing import Any
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -143,6 +143,17 @@ class RowsModel(MjModel):
     def ptr(self) -> mujoco.MjModel:
         """A copy of the official model shared by the rows; changes to it affect no row."""
         return copy_of(self._model)
+
+    def disable(self, *flags: str | int) -> NoReturn:
+        """Raises TypeError: the rows share their model's options."""
+        raise TypeError(
+            f"the model of a batch cannot disable {', '.join(map(str, flags))} for a while: set "
+            "opt.disableflags of the environment's model before creating the batch, or use a "
+            "single environment"
+        )
+
+    def __reduce__(self) -> tuple[type[MjModel], tuple[mujoco.MjModel]]:
+        return MjModel, (self._model,)
 
     def __copy__(self) -> MjModel:
         return self._fields.model.copy()

@@ -71,6 +71,10 @@ class ControlLaw:
         if settings.noise is None:
             self.scale[self.follows] = _half_range(model, first)[self.follows]
 
+    def narrow(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Keeps controls within these bounds too, (nu,) each, such as those of a task's actions."""
+        self.low, self.high = np.maximum(self.low, low), np.minimum(self.high, high)
+
     def held(self, qpos: np.ndarray) -> np.ndarray:
         """The targets that keep the current angles, and no control elsewhere, (nu,)."""
         return self.within_limits(qpos @ self._positions)

@@ -148,7 +148,7 @@ class History:
             self.is_complete = False
         if live.ndim == 1 or key[0] != _BY_NAMES:
             self.want(key, slice(None))
-        return self._kept[key].reshape(-1, *live.shape[1:]), True
+        return self._kept[key].reshape(self._steps * len(live), *live.shape[1:]), True
 
     def want(self, key: _Key, columns: np.ndarray | slice) -> None:
         """Adds columns of a field to the record."""

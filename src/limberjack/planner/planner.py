@@ -40,6 +40,7 @@ from limberjack.planner.servos import Servos
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import knot_weights, targets_at
 from limberjack.rl import control
+from limberjack.rl.action_specs import open_bounds
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.cores import usable_cores
 
@@ -98,6 +99,7 @@ class Planner:
         self._settings = settings = self._cost.settings if settings is None else settings
         physics = _nominal_physics(env)
         self._law = self._follower = ControlLaw(physics.model._model, settings)
+        self._law.narrow(*open_bounds(env.action_spec()))
         self._budget = Budget(max_ms, settings.samples)
         # The current state, with the environment's own motors for costs that simulate themselves.
         self._now = planning_model_of(physics, settings)
@@ -362,6 +364,12 @@ def _check_arguments(
         )
     if settings is not None and not isinstance(settings, Settings):
         raise TypeError(f"settings is {_described(settings)}; expected Settings(...)")
+    repeat = env._ours.action_repeat
+    if repeat != 1:
+        raise ValueError(
+            f"the environment has action_repeat={repeat}, but the planner acts at every control "
+            "step: leave action_repeat at 1"
+        )
     controls = (env.physics.model.nu,)
     actions = env.action_spec().shape
     if actions != controls or not controls[0]:

@@ -79,7 +79,7 @@ class Settings:
         at_least |= dict.fromkeys(("interval", "proposal_interval", "cost_interval"), 1)
         for name, least in at_least.items():
             value = getattr(self, name)
-            if not isinstance(value, int) or value < least:
+            if not isinstance(value, int | np.integer) or value < least:
                 raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
         positive = ("horizon", "gain", "noise", "timestep")
         expected = dict.fromkeys(positive, "a positive number")

@@ -98,12 +98,6 @@ def planner(
 
         try:
             plain = vectorisable(environment)
-            repeat = plain._ours.action_repeat
-            if repeat != 1:
-                raise ValueError(
-                    f"the environment has action_repeat={repeat}, but it acts at "
-                    "every control step: leave action_repeat at 1"
-                )
             chosen = Planner(plain, num_threads, seed)
         except (TypeError, ValueError) as error:
             raise PolicyError(f"policy {PLANNER!r}: {error}") from error

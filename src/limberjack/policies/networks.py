@@ -320,6 +320,7 @@ def _cleared(environment: Environment) -> str:
     """The fingerprint of the model without what starts set and what only pictures depend on."""
     model = copy.copy(environment.physics.model._model)
     for name in environment._saved_fields():
-        getattr(model, name)[...] = 0
+        owner, field = (model.opt, name[4:]) if name.startswith("opt.") else (model, name)
+        setattr(owner, field, np.zeros_like(getattr(owner, field)))
     model.vis.global_.offwidth = model.vis.global_.offheight = 0
     return fingerprint(model)

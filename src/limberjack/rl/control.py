@@ -45,6 +45,7 @@ from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
+from limberjack.rl.overridable import overridable
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import Description, represented
@@ -52,7 +53,6 @@ from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.streams import check_not_randomized, set_stream_fields, stream_of
 from limberjack.utils.arrays import Quantity
-from limberjack.utils.overridable import overridable
 from limberjack.worlds import World
 from limberjack.worlds.appearance import Appearance, AppearanceOptions, Looks
 from limberjack.worlds.faults import FaultMemory, Faults, Perturber
@@ -73,8 +73,8 @@ _MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST  # read faster than from
 
 
 @dataclasses.dataclass(eq=False)
-class Additions:
-    """What an environment has beside the attributes that dm_control's has.
+class _Additions:
+    """Attributes that dm_control's environment does not have.
 
     Attributes:
       use: of the environment, by one thread at a time.
@@ -123,12 +123,12 @@ class Environment(dm_env.Environment):
     _step_limit: float
     _step_count: int
     _reset_next_step: bool
-    _ours: Additions
+    _ours: _Additions
 
     def __new__(cls, *args: object, **kwargs: object) -> Self:
         """Not in `__init__`, because programs subclass this class without calling that."""
         new = super().__new__(cls)
-        new._ours = Additions()
+        new._ours = _Additions()
         return new
 
     def __init__(
@@ -393,7 +393,7 @@ class Environment(dm_env.Environment):
 
     @overridable
     def randomization(self) -> dict[str, np.ndarray]:
-        """What was drawn for this episode, by field."""
+        """Values drawn for this episode, by field."""
         return self._ours.randomization
 
     @overridable

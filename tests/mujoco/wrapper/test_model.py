@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco import wrapper
+from limberjack.mujoco import Physics, wrapper
 from limberjack.mujoco.wrapper import core
 from tests.mujoco.wrapper.conftest import XML
 
@@ -148,3 +148,46 @@ def test_a_model_that_mujoco_itself_has_parsed_since_is_not_mixed_up(tmp_path: P
     mujoco.MjModel.from_xml_string("<mujoco/>")
     with pytest.raises(ValueError, match="most recently loaded"):
         core.save_last_parsed_model_to_xml(str(tmp_path / "model.xml"), first)
+
+
+_NAMED = (
+    "<mujoco model='{}'><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+)
+
+
+def _load(name: str) -> wrapper.MjModel:
+    """A model that is compiled once and shared."""
+    return Physics.from_shared_xml(_NAMED.format(name), {}).model
+
+
+def _saved(path: Path, model: wrapper.MjModel | None = None) -> str:
+    core.save_last_parsed_model_to_xml(str(path / "model.xml"), model)
+    return (path / "model.xml").read_text(encoding="utf-8")
+
+
+def test_a_model_that_was_loaded_again_is_the_one_that_is_written(tmp_path: Path) -> None:
+    first, other, again = _load("one"), _load("two"), _load("one")
+    assert again._model is first._model
+    for _ in range(2):
+        assert 'model="one"' in _saved(tmp_path)
+        assert 'model="one"' in _saved(tmp_path, again)
+    for earlier in (first, other, again.copy()):
+        with pytest.raises(ValueError, match="most recently loaded"):
+            _saved(tmp_path, earlier)
+
+
+@pytest.mark.parametrize("is_cached", [True, False])
+def test_changes_of_a_shared_model_are_written_even_after_its_end(
+    tmp_path: Path, is_cached: bool
+) -> None:
+    name = f"edited, {is_cached}"
+    if is_cached:
+        _load(name)
+        _load("two")
+    model = _load(name)
+    assert model.opt.timestep == 0.002  # reading a nested struct copies the model
+    assert f'model="{name}"' in _saved(tmp_path, model)
+    model.body_mass[1] = 4.25
+    assert 'mass="4.25"' in _saved(tmp_path, model)
+    del model
+    assert 'mass="4.25"' in _saved(tmp_path)

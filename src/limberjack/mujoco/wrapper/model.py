@@ -27,7 +27,7 @@ from limberjack.mujoco.wrapper.integer_fields import (
     is_checked,
     is_structure,
 )
-from limberjack.mujoco.wrapper.sharing import CopyOnWrite, SharedModel
+from limberjack.mujoco.wrapper.sharing import CopyOnWrite, Mjcf, SharedModel, last_loaded
 from limberjack.mujoco.wrapper.textures import without_textures
 from limberjack.utils.suggest import did_you_mean
 
@@ -45,8 +45,6 @@ __all__ = [
 # Prefixes of fields copied to OpenGL; once user code has them, each picture checks for changes.
 _UPLOADED = ("hfield", "tex", "mesh")
 
-# The most recently compiled model, the only one that MuJoCo can save as XML.
-_last_compiled: dict[str, mujoco.MjModel] = {}
 _NOT_LAST = (
     "Only the model that was most recently loaded from an XML file or string can be saved to an "
     "XML file."
@@ -127,13 +125,10 @@ class MjModel(CopyOnWrite):
           ValueError: MuJoCo's error message about the model.
           MemoryError: there is no memory for it.
         """
-        pass_exit_guard()
-        text = util.to_native_string(xml_string)
-        size = len(text) + sum(map(len, (assets or {}).values()))
-        with allocating("a model compiled from its files", size):
-            model = mujoco.MjModel.from_xml_string(text, assets or {})
-        _last_compiled["model"] = model
-        return cls(model, (xml_string, assets or {}))
+        mjcf = xml_string, assets or {}
+        model = cls(_parsed(mjcf), mjcf)
+        last_loaded.set(model)
+        return model
 
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> "MjModel":
@@ -148,9 +143,9 @@ class MjModel(CopyOnWrite):
         """Compiles an MJCF or URDF file."""
         pass_exit_guard()
         with allocating("a model compiled from its files", _size_of(xml_path)):
-            model = mujoco.MjModel.from_xml_path(str(xml_path))
-        _last_compiled["model"] = model
-        return cls(model)
+            model = cls(mujoco.MjModel.from_xml_path(str(xml_path)))
+        last_loaded.set(model)
+        return model
 
     @classmethod
     def from_binary_path(cls, binary_path: str) -> "MjModel":
@@ -243,25 +238,36 @@ class MjModel(CopyOnWrite):
 
 
 def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = None) -> None:
-    """Writes the most recently compiled model to an MJCF file.
+    """Writes the model most recently loaded from XML, with its changes since, to an MJCF file.
 
-    MuJoCo writes fewer digits than it stores, so many fields differ in the last bits after
-    recompiling.
+    Loading it again from the cache of compiled models counts too. MuJoCo writes fewer digits than
+    it stores, so many fields differ in the last bits after recompiling.
 
     Args:
       xml_path: the file to write.
-      check_model: if given, must be the most recently compiled model.
+      check_model: if given, must be the most recently loaded model.
 
     Raises:
-      ValueError: another model has been compiled since, or none yet.
+      ValueError: another model has been loaded since, or none yet.
     """
-    last = _last_compiled.get("model")
-    if last is None or (check_model is not None and check_model._model is not last):
+    last = last_loaded
+    if last.model is None or (check_model is not None and not last.is_of(check_model)):
         raise ValueError(_NOT_LAST)
+    if not last.is_parsed and last.mjcf is not None:  # MuJoCo saves only what it has parsed last
+        _parsed(last.mjcf)
+        last.is_parsed = True
     try:
-        mujoco.mj_saveLastXML(str(xml_path), last)
+        mujoco.mj_saveLastXML(str(xml_path), last.model)
     except mujoco.FatalError as error:  # MuJoCo itself has parsed another one
         raise ValueError(_NOT_LAST) from error
+
+
+def _parsed(mjcf: Mjcf) -> mujoco.MjModel:
+    """The model of an MJCF or URDF text, which becomes the one that MuJoCo can save as XML."""
+    pass_exit_guard()
+    text, assets = util.to_native_string(mjcf[0]), mjcf[1]
+    with allocating("a model compiled from its files", len(text) + sum(map(len, assets.values()))):
+        return mujoco.MjModel.from_xml_string(text, assets)
 
 
 def object_type_number(object_type: str | int) -> int:

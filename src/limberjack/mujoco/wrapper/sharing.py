@@ -20,7 +20,7 @@ import mujoco
 from limberjack.mujoco.allocating import copy_of
 from limberjack.mujoco.wrapper.textures import without_textures
 
-__all__ = ["CopyOnWrite", "Mjcf", "SharedModel", "compiled", "drop_unused"]
+__all__ = ["CopyOnWrite", "Mjcf", "SharedModel", "compiled", "drop_unused", "last_loaded"]
 
 Mjcf = tuple[str | bytes, dict[str, bytes]]  # with contents of the files it refers to, by name
 
@@ -43,6 +43,11 @@ class SharedModel:
         return without_textures(self.model)
 
     @functools.cached_property
+    def layout(self) -> mujoco.MjModel:
+        """A copy of `light` that nothing is simulated with: `physics.data.ptr.model` shows it."""
+        return copy_of(self.light)
+
+    @functools.cached_property
     def passive(self) -> mujoco.MjModel:
         """The model with actuation disabled, for the forward pass after a reset.
 
@@ -51,6 +56,50 @@ class SharedModel:
         passive = copy_of(self.light)
         passive.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
         return passive
+
+
+class _LastLoaded:
+    """The model that was most recently loaded from MJCF or URDF, by compiling it or from the cache.
+
+    It is kept in memory, as dm_control's is.
+    """
+
+    def __init__(self) -> None:
+        self.model: mujoco.MjModel | None = None  # with the changes made since
+        self.mjcf: Mjcf | None = None
+        self.is_parsed = False  # whether MuJoCo parsed it last; False if it is from the cache
+        self._wrapper: Callable[[], CopyOnWrite | None] = lambda: None
+        self._awaited: SharedModel | None = None
+
+    def set(self, wrapper: "CopyOnWrite") -> None:
+        """Records a wrapper whose model has just been parsed."""
+        self._record(wrapper)
+        self.is_parsed = True
+
+    def expect(self, shared: SharedModel, is_parsed: bool) -> None:
+        """Announces that the next wrapper of a shared model is the most recently loaded one."""
+        self._awaited = shared
+        self.is_parsed = is_parsed
+
+    def follow(self, wrapper: "CopyOnWrite") -> None:
+        """Takes notice of a new wrapper, or of one that has a new model."""
+        awaited = self._awaited  # which another thread may replace
+        if awaited is not None and wrapper._shared is awaited:
+            self._record(wrapper)
+        elif self._wrapper() is wrapper:
+            self.model = wrapper._model
+
+    def is_of(self, wrapper: "CopyOnWrite") -> bool:
+        """Whether the wrapper has the most recently loaded model, not an equal or shared one."""
+        is_private = wrapper._shared is None
+        return self._wrapper() is wrapper or (is_private and wrapper._model is self.model)
+
+    def _record(self, wrapper: "CopyOnWrite") -> None:
+        self.model, self.mjcf = wrapper._model, wrapper._mjcf
+        self._wrapper, self._awaited = weakref.ref(wrapper), None
+
+
+last_loaded = _LastLoaded()
 
 
 class CopyOnWrite:
@@ -67,6 +116,7 @@ class CopyOnWrite:
         object.__setattr__(self, "_shared", shared)
         object.__setattr__(self, "_is_lent", shared is None)
         object.__setattr__(self, "_model", model if shared is None else shared.model)
+        last_loaded.follow(self)
 
     @property
     def ptr(self) -> mujoco.MjModel:
@@ -79,6 +129,7 @@ class CopyOnWrite:
         if self._shared is not None:
             object.__setattr__(self, "_model", copy_of(self._shared.model))
             object.__setattr__(self, "_shared", None)
+            last_loaded.follow(self)
         return self._model
 
     @property
@@ -88,7 +139,7 @@ class CopyOnWrite:
         It has no textures if the model is shared: a wrapper that later needs its own copy would
         otherwise keep them in memory twice.
         """
-        return self._model if self._shared is None else self._shared.light
+        return self._model if self._shared is None else self._shared.layout
 
     def _field(self, name: str) -> object:
         """A field; if it is mutable, the model is copied first."""
@@ -103,8 +154,10 @@ _last_used: dict[Hashable, SharedModel] = {}  # the most recent one last
 def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> SharedModel:
     """The cached model for this source, compiled by `compile_it` if necessary."""
     shared = _in_use.get(source)
+    is_new = shared is None
     if shared is None:
         shared = _in_use[source] = SharedModel(compile_it())
+    last_loaded.expect(shared, is_parsed=is_new)
     # Other threads may do the same at any point, so nothing relies on the entries found before.
     _last_used.pop(source, None)
     _last_used[source] = shared

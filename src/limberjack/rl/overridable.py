@@ -25,7 +25,7 @@ _Value = TypeVar("_Value")
 class overridable(Generic[_Value]):  # noqa: N801 (a decorator, as `property`)
     """See the module's docstring."""
 
-    def __init__(self, read: Callable[[Any], _Value]) -> None:
+    def __init__(self, read: Callable[[Any], _Value]) -> None:  # of the class that has it
         """Takes the function that computes the value from the object."""
         self.of = read
         self.__doc__ = read.__doc__
