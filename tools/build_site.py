@@ -24,6 +24,7 @@ from typing import Any
 import domain_pages
 import numpy as np
 import reference_pages
+import reference_properties
 import yaml
 
 from limberjack import gallery, suite
@@ -177,6 +178,9 @@ def site_config(pages: Path, out: Path) -> dict[str, Any]:
         *_by_package(reference_pages.modules()),
     ]
     nav = [{name: entries} for name, entries in sections.items()]
+    (reader,) = [p["mkdocstrings"] for p in config["plugins"] if "mkdocstrings" in p]
+    extensions = [f"{Path(reference_properties.__file__).resolve()}:Properties"]
+    reader["handlers"]["python"]["options"]["extensions"] = extensions
     return {**config, "nav": nav, "docs_dir": str(pages), "site_dir": str(out)}
 
 

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import build_site
+import griffe
 import pytest
 import reference_pages
+import reference_properties
 
 from limberjack import suite
 
@@ -69,3 +71,14 @@ def test_a_public_name_from_another_module_links_to_it() -> None:
     page = reference_pages.pages()["limberjack.gym.md"]
     assert "| `VectorEnv` | [`limberjack.gym.vector`](limberjack.gym.vector.md) |" in page
     assert page.endswith("::: limberjack.gym\n")
+
+
+def test_the_reference_shows_properties_that_give_way_as_properties() -> None:
+    extensions = griffe.load_extensions(f"{reference_properties.__file__}:Properties")
+    source = str(_REPOSITORY / "src")
+    module = griffe.load("limberjack.rl.control", search_paths=[source], extensions=extensions)
+    environment = module["Environment"]
+    assert environment["success"].is_attribute
+    assert str(environment["success"].annotation) == "bool | None"
+    assert "goal" in environment["success"].docstring.value
+    assert environment["reset"].is_function
