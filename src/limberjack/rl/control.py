@@ -123,12 +123,12 @@ class Environment(dm_env.Environment):
     _step_limit: float
     _step_count: int
     _reset_next_step: bool
-    _ours: _Additions
 
-    def __new__(cls, *args: object, **kwargs: object) -> Self:
-        """Not in `__init__`, because programs subclass this class without calling that."""
-        new = super().__new__(cls)
-        new._ours = _Additions()
+    @overridable
+    def _ours(self) -> _Additions:
+        # On first use, because programs subclass this class without calling `__init__`. From then
+        # on it is an attribute of the instance.
+        new = vars(self)["_ours"] = _Additions()
         return new
 
     def __init__(
@@ -654,7 +654,7 @@ class Environment(dm_env.Environment):
         """Another environment of the same physics and task, as in dm_control."""
         new = type(self).__new__(type(self))
         vars(new).update(vars(self))
-        new._ours = dataclasses.replace(self._ours, use=OneUser("environment"))
+        vars(new)["_ours"] = dataclasses.replace(self._ours, use=OneUser("environment"))
         return new
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
@@ -796,7 +796,7 @@ def shown_by(env: object, name: str, default: object = None) -> Any:  # of the p
     return getattr(env, name, default)
 
 
-set_plain(Environment, frozenset(Environment.__annotations__))
+set_plain(Environment, frozenset(Environment.__annotations__) | {"_ours"})
 
 
 def compute_n_steps(
