@@ -507,7 +507,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "workers/setup.py": [
-        ("repeat_for(actor, action_repeat, own)", "action_repeat or own"),
+        ("repeat_for(actor, action_repeat, own_repeat(environment))", "action_repeat or 1"),
         (
             "factory_of(domain, task, time_limit, world)\n    with",
             "factory_of(domain, task, time_limit)\n    with",
@@ -893,7 +893,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "episodes/environments.py": [
         (
-            "return repeat_for(actor, action_repeat, own)",
+            "return repeat_for(actor, action_repeat, own_repeat(environment))",
             "return repeat_for(actor, action_repeat, 1)",
         ),
         ('    if "domain" in factory.facts:\n', '    if "task" not in factory.facts:\n'),

@@ -30,9 +30,10 @@ class Named(control.Environment):
         self._frames, self._faults, self._looks, self._randomizer = [1], [2], [3], [4]
         self._first = self._name = self._draws = self._seeded = "mine"
         self._closed, self._use, self._last_terms = True, 5, {"a": 1.0}
+        self._simulated = "mine"
         own = {"pixels": np.zeros(3), "world": "earth", "success": "maybe", "step_limit": 1}
         own |= {"timed_out": True, "is_running": False, "reward_terms": [], "registration": 7}
-        for name, value in (own | {"randomization": None}).items():
+        for name, value in (own | {"randomization": None, "_origin": "mine"}).items():
             setattr(self, name, value)
 
     def _observe(self) -> None:

@@ -13,7 +13,7 @@ from limberjack.policies import Actor
 from limberjack.policies.kinds import repeat_for
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batches import batch_of
-from limberjack.rl.builds import is_reproducible
+from limberjack.rl.builds import is_reproducible, own_repeat
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.row_step import as_mapping
@@ -79,8 +79,7 @@ def checked_environment(
 
 def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, actor: Actor) -> int:
     """Control steps per action in an environment; see `policies.kinds.repeat_for`."""
-    own = inside(environment)._ours.action_repeat
-    return repeat_for(actor, action_repeat, own)
+    return repeat_for(actor, action_repeat, own_repeat(environment))
 
 
 def _why_unknown(factory: Factory) -> str:

@@ -394,7 +394,7 @@ def _columns(environment: dm_env.Environment, kept: Kept) -> tuple[Column, ...]:
         columns.append(Column("success", "bool"))
     columns.append(Column("diverged", "bool"))
     names = inner._saved_fields()
-    saved = inner._simulated.simulation.save(None, names)  # arrays of one row
+    saved = inner.physics.simulation.save(None, names)  # arrays of one row
     if kept.states:
         columns.append(Column("state", "float64", saved["state"].shape[1:]))
     for name in names:

@@ -33,6 +33,7 @@ __all__ = [
     "is_reproducible",
     "is_stable",
     "numbers_of",
+    "own_repeat",
     "parts_of",
     "physics_of",
     "settable",
@@ -274,6 +275,12 @@ def task_name(env: dm_env.Environment) -> str:
     return name or type(getattr(inner, "_task", env)).__name__
 
 
+def own_repeat(env: dm_env.Environment) -> int:
+    """Control steps per action that an environment makes by itself."""
+    inner = control_of(env)
+    return inner._ours.action_repeat if isinstance(inner, Environment) else 1
+
+
 def physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
     """The physics of an environment, or of the `control.Environment` within it.
 
@@ -359,9 +366,7 @@ def _settings(env: Environment) -> object:
 
 def numbers_of(env: Environment) -> object:
     """The identity of a model, without the fields that are set per episode."""
-    return (
-        env._simulated.identity(env._saved_fields()) if hasattr(env.physics, "identity") else None
-    )
+    return env.physics.identity(env._saved_fields()) if hasattr(env.physics, "identity") else None
 
 
 def _start(env: dm_env.Environment) -> object:

@@ -200,10 +200,10 @@ class Environment(dm_env.Environment):
         self._step_count = 0
         self._reset_next_step = True
         if randomize:
-            ours.randomizer = Randomizer(randomize, self._simulated)
+            ours.randomizer = Randomizer(randomize, self.__simulated)
             check_not_randomized(task, ours.randomizer.fields)
-            self._simulated.recompute_constants_of(ours.randomizer.fields)
-        ours.frames = Frames.of(pixels, self._simulated)
+            self.__simulated.recompute_constants_of(ours.randomizer.fields)
+        ours.frames = Frames.of(pixels, self.__simulated)
         if faults is not None:
             ours.faults = self.__with_faults(Faults.of(faults))
         if appearance is not None:
@@ -217,7 +217,7 @@ class Environment(dm_env.Environment):
         perturber = None
         if settings.perturbation is not None:
             parameters = getattr(self._task, "PERTURBATIONS", {})
-            task, recompiler = type(self._task).__name__, self._simulated.recompiler
+            task, recompiler = type(self._task).__name__, self.__simulated.recompiler
             perturber = Perturber.of(settings.perturbation, parameters, task, recompiler)
             resolved = None if perturber is None else perturber.perturbation
             settings = dataclasses.replace(settings, perturbation=resolved)
@@ -242,9 +242,9 @@ class Environment(dm_env.Environment):
             ours.first = self._first_values()
         if ours.randomizer is not None:
             ours.randomization = ours.randomizer.draw(self.__draw_stream())
-            self._simulated.simulation.set_fields(ours.randomization)
+            self.__simulated.simulation.set_fields(ours.randomization)
         if ours.faults is not None:
-            self._simulated.simulation.set_fields(ours.faults.begin(0, stream_of(self._task)))
+            self.__simulated.simulation.set_fields(ours.faults.begin(0, stream_of(self._task)))
             ours.randomization = {**ours.randomization, **ours.faults.drawn(0)}
         if ours.looks is not None:
             ours.looks.begin(0, stream_of(self._task))
@@ -253,7 +253,7 @@ class Environment(dm_env.Environment):
             self._task.initialize_episode(self._physics)
             self.__keep_own()
             if ours.randomizer is not None:  # the start may have set fields too
-                self._simulated.simulation.set_constants()
+                self.__simulated.simulation.set_constants()
         if ours.frames is not None:
             ours.frames.forget()
         observation = self.__observe()
@@ -483,7 +483,7 @@ class Environment(dm_env.Environment):
         if ours.faults is not None:
             ours.faults.begin_again(0)
         stream = np.random.RandomState(seed)
-        set_stream_fields(self._task, stream, self._simulated.simulation)
+        set_stream_fields(self._task, stream, self.__simulated.simulation)
         self._task._random, ours.seeded = stream, (stream, seed)
 
     def keep_as_first(self, name: str) -> None:
@@ -519,7 +519,7 @@ class Environment(dm_env.Environment):
             memory = remembered(self._task, self._physics)
             return Snapshot(
                 self._origin(),
-                self._simulated.simulation.save(None, self._saved_fields()),
+                self.__simulated.simulation.save(None, self._saved_fields()),
                 np.array([self._step_count]),
                 np.array([self._reset_next_step]),
                 [tuple(streams)],
@@ -558,7 +558,7 @@ class Environment(dm_env.Environment):
             return
         with ours.use:
             self._reset_next_step = True  # until it is complete
-            self._simulated.simulation.load(snapshot.physics)
+            self.__simulated.simulation.load(snapshot.physics)
             stream_of(self._task).set_state(snapshot.streams[0][0])
             ours.seeded = (None, None)
             if ours.randomizer is not None:
@@ -613,7 +613,7 @@ class Environment(dm_env.Environment):
                 raise RuntimeError("no episode has just begun: call reset() before set_state()")
             self._reset_next_step = True  # until it is complete
             for name, values in checked.items():
-                getattr(self._simulated.data, name)[...] = values
+                getattr(self.__simulated.data, name)[...] = values
             self._physics.after_reset()
             if ours.frames is not None:
                 ours.frames.forget()
@@ -634,7 +634,7 @@ class Environment(dm_env.Environment):
             observation = self.__seen()
         if ours.frames is None:
             return observation
-        return ours.frames.observe(self._simulated, observation, is_step=False)
+        return ours.frames.observe(self.__simulated, observation, is_step=False)
 
     def description(self) -> Description:
         """The parts of the `repr`, also of an environment that is only half made."""
@@ -689,14 +689,14 @@ class Environment(dm_env.Environment):
         ours = self._ours
         pixels = {} if ours.frames is None else ours.frames.origin()
         return origin_of(
-            self._task, self._simulated, self._saved_fields(), pixels, Environment.world.of(self)
+            self._task, self.__simulated, self._saved_fields(), pixels, Environment.world.of(self)
         )
 
     def __put_on(self) -> None:
         """Shows the look of the present episode in all pictures of the physics."""
         ours = self._ours
         if ours.looks is not None and not ours.is_closed:
-            self._simulated.simulation.look = ours.looks.of(0)
+            self.__simulated.simulation.look = ours.looks.of(0)
 
     def __saved_pictures(self) -> dict[str, np.ndarray]:
         """The stack of pictures, and what the look is drawn from, if there are any."""
@@ -705,7 +705,7 @@ class Environment(dm_env.Environment):
         return frames if ours.looks is None else {**frames, **ours.looks.save(None)}
 
     @property
-    def _simulated(self) -> SimulatedPhysics:
+    def __simulated(self) -> SimulatedPhysics:
         """The physics, typed with the larger interface that snapshots and randomisation need."""
         return cast(SimulatedPhysics, self._physics)
 
@@ -751,7 +751,7 @@ class Environment(dm_env.Environment):
         observation = flatten_observation(state) if self._flat_observation else state
         if ours.frames is None:
             return observation
-        return ours.frames.observe(self._simulated, observation)
+        return ours.frames.observe(self.__simulated, observation)
 
     def __seen(self) -> Mapping[str, Quantity]:
         """The task's observation, without pictures."""

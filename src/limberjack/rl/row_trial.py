@@ -23,7 +23,7 @@ from dm_env import specs
 
 from limberjack.rl import guards
 from limberjack.rl.action_specs import bounds_to_try, spec_of
-from limberjack.rl.builds import Build, parts_of
+from limberjack.rl.builds import Build, own_repeat, parts_of
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of, difference
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
@@ -66,10 +66,8 @@ class Form:
         Raises:
           TypeError, ValueError: its actions or observations are of another kind than arrays.
         """
-        inner = control_of(env)
-        repeat = inner._ours.action_repeat if isinstance(inner, Environment) else 1
         observed = observation_specs(env, name)
-        return cls(spec_of(env), observed, control_timestep_of(env), repeat)
+        return cls(spec_of(env), observed, control_timestep_of(env), own_repeat(env))
 
 
 class Trial:

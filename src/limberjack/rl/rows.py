@@ -407,7 +407,7 @@ class RowsEnvironment(Batch):
         found: dict[str, np.ndarray] = {}
         for row, inner in enumerate(map(_inside, self.environments)):
             names = inner._saved_fields()
-            saved = inner._simulated.simulation.save(None, names)
+            saved = inner.physics.simulation.save(None, names)
             show_drawn(found, {name: saved[name][0] for name in names}, row, self.num_envs)
         return found
 

@@ -24,7 +24,7 @@ import dm_env
 from limberjack import policies
 from limberjack.policies import ROWS, Actor, PolicyError
 from limberjack.policies.kinds import repeat_for
-from limberjack.rl.builds import Build
+from limberjack.rl.builds import Build, own_repeat
 from limberjack.utils.facts import Facts
 from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import (
@@ -198,13 +198,12 @@ def prepare(
     factory = factory_of(domain, task, time_limit, world)
     with contextlib.closing(factory.make(0)) as environment:
         actor = policies.find(policy, environment)
-        own = identity_of(factory, actor, environment)["action_repeat"]
         return setup_of(
             factory,
             environment,
             actor,
             policy,
-            action_repeat=repeat_for(actor, action_repeat, own),
+            action_repeat=repeat_for(actor, action_repeat, own_repeat(environment)),
             num_threads=num_threads,
             any_processor=any_processor,
             vectorised=vectorised,
