@@ -48,7 +48,8 @@ def test_the_policy_of_the_median_run_is_bundled_with_its_scores(
 def test_a_bundled_policy_plays_as_its_result_says(result: dict) -> None:
     (run,) = (one for one in result["runs"] if one["seed"] == result["bundled"])
     where = result["domain"], result["task"]
-    played = evaluate(*where, "pretrained", learned.SEEDS[:8], num_threads=1)
+    limit = learned._time_limit(*where)
+    played = evaluate(*where, "pretrained", learned.SEEDS[:8], time_limit=limit, num_threads=1)
     found, kept = [one.total for one in played.scores["pretrained"]], run["returns"][:8]
     # Another processor rounds differently: one without AVX-512 differs by up to 7 % where motion is
     # chaotic (three poles, fish), and an episode in eight may end otherwise.
