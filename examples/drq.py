@@ -8,7 +8,7 @@ It observes the last three pictures of 64 by 64 pixels, and nothing else. They h
 Visual Continuous Control" (2021), with smaller networks: random shifts of the pictures, rewards of
 three actions, two critics, and noise of exploration that falls with time. `curve.csv` in DIR has a
 line for each evaluation. After a kill the same command continues from the last evaluation, with the
-same result.
+same result, and so does one with more --steps. A folder of a run with other options is refused.
 """
 
 import argparse
@@ -246,6 +246,7 @@ class Run:
         self._out = Path(given.out)
         self._out.mkdir(parents=True, exist_ok=True)
         self._checkpoint = self._out / "checkpoint.pt"
+        saved = self._saved()
         torch.manual_seed(given.seed)
         self._envs, self._held_out = self._rows(given.envs), self._rows(_EPISODES)
         self._actions = self._envs.single_action_space.shape[0]
@@ -257,8 +258,8 @@ class Run:
         self._pictures = self._envs.reset(seed=_TRAINED + 1000 * given.seed)[0]
         self._age = np.zeros(given.envs, int)
         self._is_last = np.zeros(given.envs, bool)
-        if self._checkpoint.exists():
-            self._load()
+        if saved is not None:
+            self._restore(saved)
 
     # Any: Gymnasium's types do not say that observations are arrays and actions have bounds.
     def _rows(self, count: int) -> Any:
@@ -351,15 +352,35 @@ class Run:
         state = {name: getattr(self, name) for name in names}
         parts = self._agent, self._agent.of_critics, self._agent.of_actor
         state |= {"agent": [part.state_dict() for part in parts], "random": torch.get_rng_state()}
+        state["options"] = self._options()
+        # First, since a run that continues writes it with its next evaluation only.
+        with (self._out / "curve.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([_COLUMNS, *self._curve])
         new = self._checkpoint.with_suffix(".new")
         torch.save(state, new)
         os.replace(new, self._checkpoint)
-        with (self._out / "curve.csv").open("w", newline="") as file:
-            csv.writer(file).writerows([_COLUMNS, *self._curve])
 
-    def _load(self) -> None:
+    def _options(self) -> dict[str, object]:
+        """The options that a run which continues must have."""
+        given = vars(self._given)
+        return {name: given[name] for name in given if name not in ("steps", "out")}
+
+    def _saved(self) -> dict[str, Any] | None:
+        """The last checkpoint; None without one. Ends the program if that is of another run."""
+        if not self._checkpoint.exists():
+            return None
         # The file has the rows themselves, so that it is a pickle: continue your own runs only.
         state = torch.load(self._checkpoint, weights_only=False)
+        there = state.pop("options", {})
+        for name, here in self._options().items():
+            if there.get(name) != here:
+                raise SystemExit(
+                    f"{self._out} has a run with {name} {there.get(name)!r}, not {here!r}: choose "
+                    "another folder"
+                )
+        return state
+
+    def _restore(self, state: dict[str, Any]) -> None:
         torch.set_rng_state(state.pop("random"))
         parts = self._agent, self._agent.of_critics, self._agent.of_actor
         for part, values in zip(parts, state.pop("agent"), strict=True):

@@ -106,7 +106,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
     ],
     "training/folder.py": [
-        ("{**_LATER, **found}[name] for name in identity", "found[name] for name in found"),
+        ("{**_LATER, **found}.get(name) for name in identity", "found[name] for name in found"),
+        ("        except OSError:  # of a file that may be whole\n            raise\n", ""),
     ],
     "worlds/faults/memory.py": [
         ("        numbers = np.clip(np.rint(numbers), limits.min, most)\n", ""),

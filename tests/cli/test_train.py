@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from limberjack.training import TrainingError
 from limberjack.utils.requirements import install_command
 
 from .conftest import invoke
@@ -88,6 +90,19 @@ def test_a_setting_that_does_not_exist_is_named(tmp_path: Path, config: Path) ->
     assert result.exit_code == 2
     assert "there is no setting 'batchsize'" in result.stderr
     assert "batch_size" in result.stderr
+
+
+def test_a_run_that_cannot_go_on_is_not_said_to_continue(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def train(*where: object, on_progress: Callable[..., object], **kwargs: object) -> None:
+        on_progress(300, 1200, 1.0)
+        raise TrainingError("loss is nan: train in another folder")
+
+    monkeypatch.setattr("limberjack.training.train", train)
+    result = invoke("train", "pendulum", "swingup", "--out", str(tmp_path / "run"))
+    assert result.exit_code == 1
+    assert result.stderr == "limberjack: loss is nan: train in another folder\n"
 
 
 @needs_the_extra

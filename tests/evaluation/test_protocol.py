@@ -194,14 +194,17 @@ def test_a_folder_of_other_results_is_refused_and_left_alone(tmp_path: Path) -> 
     with pytest.raises(ValueError, match=r"holds other files and no set\.json"):
         evaluate_set(_FAST, "zero", out=other)
     assert [path.name for path in other.iterdir()] == ["notes.txt"]
+    (other / "notes.txt").rename(other / ".set.0123456789abcdef.json")  # as a kill may leave it
+    assert evaluate_set(_FAST, "zero", out=other, num_threads=1).files == (other / "set.json",)
 
 
 def test_an_error_while_playing_is_no_missing_policy() -> None:
     def broken(observation: object) -> np.ndarray:
         return np.full(1, np.nan)
 
-    with pytest.raises(PolicyError, match="seed 30000"):
+    with pytest.raises(PolicyError, match="seed 30000") as caught:
         evaluate_set(_FAST, broken, num_threads=1)
+    assert caught.value.__notes__ == ["cartpole balance"]  # which the seed does not say
 
 
 def test_a_world_is_that_of_all_tasks_and_part_of_the_results(tmp_path: Path) -> None:

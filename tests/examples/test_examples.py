@@ -56,8 +56,15 @@ def _output(name: str, *arguments: str) -> str:
 
 def _printed(*arguments: str) -> str:
     """The output of Python with these arguments, which finds the examples as modules."""
+    done = _run(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def _run(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    """The result of Python with these arguments."""
     path = [str(_SOURCE), str(_EXAMPLES), os.environ.get("PYTHONPATH")]
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, *arguments],
         capture_output=True,
         text=True,
@@ -70,8 +77,6 @@ def _printed(*arguments: str) -> str:
         timeout=_LIMIT,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def test_every_example_is_here_and_says_how_to_run_it() -> None:
@@ -212,6 +217,12 @@ def test_drq_learns_from_pictures_and_continues_a_run(tmp_path: Path) -> None:
         curves.append([row[:2] + row[3:] for row in rows])  # but for the seconds
     assert curves[0] == curves[1]
     assert curves[0][1][3:] != curves[0][-1][3:]  # the policy has changed
+    before = (out / "curve.csv").read_bytes()
+    other = ("--task", "cartpole:swingup", "--steps", "960", "--out", str(out))
+    refused = _run(str(_EXAMPLES / "drq.py"), *small, *other)
+    why = "has a run with task 'cartpole:balance', not 'cartpole:swingup': choose another folder"
+    assert (refused.returncode, refused.stderr) == (1, f"{out} {why}\n")
+    assert (out / "curve.csv").read_bytes() == before
 
 
 def test_policy_gymnasium(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Policies as actors on batches: how they are found, named and hashed."""
 
+import collections
 import functools
 import importlib
 from types import SimpleNamespace
@@ -13,6 +14,8 @@ from limberjack import policies, suite
 from limberjack.episodes.playing import batch_for, play
 from limberjack.policies import PolicyError
 from limberjack.policies.actors import Batched
+from limberjack.rl import control
+from limberjack.suite import base
 from tests.rollouts import run_episode
 
 evaluated: Any = importlib.import_module("evaluated")  # as policies are named: MODULE:CALLABLE
@@ -105,6 +108,33 @@ def test_an_episode_alone_is_that_of_a_batch_bit_for_bit(name: str) -> None:
         alone = run_episode(environment, policies.find(name), episode.seed)
         np.testing.assert_array_equal(episode.rewards, alone.rewards)
     assert sorted(episode.seed for episode in played) == seeds
+
+
+class _Blind(base.Task):
+    """A task that observes nothing."""
+
+    def get_observation(self, physics: Any) -> Any:
+        return collections.OrderedDict()
+
+    def get_reward(self, physics: Any) -> float:
+        return 1.0
+
+
+class _Still:
+    """Acts with zeros in all rows."""
+
+    def act_batch(self, observations: Any) -> np.ndarray:
+        assert observations == {}
+        return np.zeros((64, 1))
+
+
+@pytest.mark.parametrize("policy", ["random", _Still])
+def test_a_task_that_observes_nothing_is_played(policy: Any) -> None:
+    physics = _load("pendulum", "swingup").physics
+    environment = control.Environment(physics, _Blind(random=0), time_limit=0.1)
+    actor, seeds = policies.find(policy, environment), range(3)
+    played = play(batch_for(environment, actor, 3, 1), actor, seeds)
+    assert [one.seed for ended in played for one in ended] == [*seeds]
 
 
 def test_alone_the_row_is_that_of_the_seed_and_the_others_are_copies() -> None:

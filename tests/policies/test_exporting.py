@@ -119,6 +119,15 @@ def test_a_file_that_ends_in_onnx_is_a_model_of_onnx(
     assert card.title == "walker walk"
 
 
+def test_a_model_is_not_replaced_by_its_own_policy(baselines: Any, tmp_path: Path) -> None:
+    path = tmp_path / "model.zip"
+    _trained(path, baselines, "PPO")
+    before = path.read_bytes()
+    with pytest.raises(PolicyError, match=r"model\.zip is the model itself: choose another file"):
+        export(f"sb3:{tmp_path / 'model'}", path)
+    assert path.read_bytes() == before
+
+
 def test_a_model_of_onnx_is_not_written_without_the_extra(
     baselines: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

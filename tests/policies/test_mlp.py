@@ -197,6 +197,7 @@ _CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"activation": "gelu"}, "its activation is 'gelu'; expected one of relu, relu6"),
     ({"activation": None}, "its activation is None"),
     ({"end": "sigmoid"}, "its end is 'sigmoid'; expected one of tanh, none"),
+    ({"action_repeat": 1001}, "its action_repeat is 1001; expected 1 to 1000"),
     ({"action_repeat": 0}, "its action_repeat is 0"),
     ({"action_repeat": True}, "its action_repeat is True"),
     ({"action_repeat": 2.0}, "its action_repeat is 2.0"),

@@ -1,14 +1,19 @@
 """Settings with which a run takes a second, and environments of a user's own."""
 
+import collections
+import os
 from typing import Any
 
 import dm_env
 import numpy as np
+from dm_env import specs
 
 from limberjack import suite
+from limberjack.rl import control
+from limberjack.suite import base
 from limberjack.training import Settings
 
-__all__ = ["SMALL", "make", "remembering"]
+__all__ = ["SMALL", "blind", "make", "moving", "of_one_number", "remembering", "repeating"]
 
 SMALL = Settings(
     steps=1200,
@@ -58,3 +63,53 @@ class _Remembering(dm_env.Environment):
 def remembering(seed: int) -> dm_env.Environment:
     """A short pendulum, which is stepped in complete environments."""
     return _Remembering(make(seed))
+
+
+def repeating(seed: int) -> dm_env.Environment:
+    """A short pendulum, which repeats actions by itself."""
+    kwargs = {"random": seed, "time_limit": 0.4}
+    return suite.load("pendulum", "swingup", kwargs, {"action_repeat": 4})
+
+
+def moving(seed: int) -> dm_env.Environment:
+    """A short pendulum, with which the working directory becomes another one."""
+    os.chdir(os.environ["ELSEWHERE"])
+    return make(seed)
+
+
+class _Blind(base.Task):
+    """A task that observes nothing."""
+
+    def get_observation(self, physics: Any) -> Any:
+        return collections.OrderedDict()
+
+    def get_reward(self, physics: Any) -> float:
+        return 1.0
+
+
+class _OfOneNumber(_Blind):
+    """A task whose action is a number without an axis."""
+
+    def get_observation(self, physics: Any) -> Any:
+        return collections.OrderedDict(velocity=physics.velocity())
+
+    def action_spec(self, physics: Any) -> specs.BoundedArray:
+        return specs.BoundedArray((), float, -1.0, 1.0)
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        physics.set_control(np.reshape(action, 1))
+
+
+def _of(task: base.Task) -> dm_env.Environment:
+    physics: Any = suite.load("pendulum", "swingup").physics
+    return control.Environment(physics, task, time_limit=0.4)
+
+
+def blind(seed: int) -> dm_env.Environment:
+    """A short pendulum that is not observed."""
+    return _of(_Blind(random=seed))
+
+
+def of_one_number(seed: int) -> dm_env.Environment:
+    """A short pendulum whose actions have no axis."""
+    return _of(_OfOneNumber(random=seed))

@@ -65,11 +65,20 @@ def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b"\xff"])
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b"\xff", b"[" * 10**5])
 def test_a_damaged_identity_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "training.json").write_bytes(content)
     with pytest.raises(ValueError, match=r"training\.json is damaged: choose another folder"):
         _open(tmp_path)
+
+
+def test_a_run_of_a_function_is_none_of_a_named_task(tmp_path: Path) -> None:
+    _open(tmp_path)
+    with (
+        pytest.raises(ValueError, match=r"a run whose environment is None, not 'mine:make'"),
+        opened(tmp_path, {"environment": "mine:make", "seed": 0}, {}),
+    ):
+        pass
 
 
 def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path) -> None:
@@ -98,4 +107,22 @@ def test_a_damaged_checkpoint_is_named(tmp_path: Path) -> None:
     with _opened(tmp_path) as folder:
         (tmp_path / "checkpoint.pickle").write_bytes(b"half")
         with pytest.raises(ValueError, match=r"checkpoint.pickle is damaged .*: remove it"):
+            folder.load()
+
+
+def test_a_checkpoint_that_cannot_be_read_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_large(file: object) -> None:
+        raise MemoryError
+
+    with _opened(tmp_path) as folder:
+        folder.save({"steps": 1})
+        with monkeypatch.context() as patched:
+            patched.setattr("pickle.load", too_large)
+            with pytest.raises(ValueError, match=r"does not fit into .*: free memory and continue"):
+                folder.load()
+        folder.finish()
+        (tmp_path / "checkpoint.pickle").mkdir()
+        with pytest.raises(IsADirectoryError):
             folder.load()

@@ -10,7 +10,7 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import dm_env
 import numpy as np
@@ -21,8 +21,17 @@ from limberjack.evaluation import evaluate
 from limberjack.policies import Learning, learning_of, mlp
 from limberjack.training import TABLE, Run, Settings, TrainingError, train
 from limberjack.training import run as run_module
+from limberjack.workers.factories import Make
 from limberjack.worlds.faults import Faults
-from tests.training.small import SMALL, make, remembering
+from tests.training.small import (
+    SMALL,
+    blind,
+    make,
+    moving,
+    of_one_number,
+    remembering,
+    repeating,
+)
 
 _REASON = "needs the extra 'train'"
 pytest.importorskip("sbx", reason=_REASON)
@@ -346,6 +355,50 @@ def test_an_environment_that_observes_pictures_is_refused(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="observes pictures; expected numbers only"):
         train(_seeing, out=tmp_path / "run", settings=settings)
     assert not list(tmp_path.iterdir())
+
+
+def _caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets runs end as they begin, with `_KilledError`."""
+
+    def caught(*arguments: object) -> None:
+        raise _KilledError
+
+    monkeypatch.setattr(run_module, "_Training", caught)
+
+
+@pytest.mark.parametrize(
+    ("make_other", "message"),
+    [
+        (blind, "observes nothing; expected at least one number"),
+        (of_one_number, r"has actions of shape \(\); expected one axis"),
+        (repeating, "repeats each action for 4 control steps, and the settings for 2: set action_"),
+    ],
+)
+def test_an_environment_that_no_network_can_be_trained_in_is_refused(
+    make_other: Make, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = dataclasses.replace(SMALL, time_limit=None)
+    with pytest.raises(ValueError, match=message):
+        train(make_other, out=tmp_path / "run", settings=settings)
+    assert not list(tmp_path.iterdir())
+    _caught(monkeypatch)
+    with pytest.raises(_KilledError):
+        train(repeating, out=tmp_path, settings=dataclasses.replace(settings, action_repeat=4))
+
+
+def test_a_seed_of_numpy_and_a_function_that_changes_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _caught(monkeypatch)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ELSEWHERE", str(tmp_path / "elsewhere"))
+    settings = dataclasses.replace(SMALL, time_limit=None)
+    with pytest.raises(_KilledError):
+        train(moving, out="run", settings=settings, seed=cast(int, np.int64(3)))
+    written = json.loads((tmp_path / "run" / "training.json").read_text())
+    assert written["seed"] == 3
+    assert not list((tmp_path / "elsewhere").iterdir())
 
 
 def test_a_function_that_cannot_be_named_is_refused(tmp_path: Path) -> None:

@@ -31,6 +31,10 @@ def test_tasks_without_a_row_have_the_defaults() -> None:
     assert settings_for("swing") == Settings()
 
 
+def test_noise_is_a_number_from_0_to_1_with_both() -> None:
+    assert [Settings(noise=one).noise for one in (0, 1, 1.0)] == [0, 1, 1.0]
+
+
 def test_a_file_replaces_numbers_and_leaves_defaults(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("learning_rate = 3e-4\nactor = [64]\n")

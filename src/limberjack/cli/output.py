@@ -170,7 +170,8 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
             if begun:
                 error.add_note(f"limberjack: {done()}")
             raise
-        complain(f"{sentence}; {done()}" if begun else sentence)
+        would_recur = isinstance(error, WorkError) and error.would_recur
+        complain(f"{sentence}; {done()}" if begun and not would_recur else sentence)
         raise typer.Exit(FAILED if begun else MISUSED) from None
 
 

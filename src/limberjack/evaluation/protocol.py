@@ -22,7 +22,7 @@ import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -37,8 +37,8 @@ from limberjack.policies import PolicyError
 from limberjack.registry import sets
 from limberjack.registry.sets import Tasks, TaskSet, refusals_named
 from limberjack.rl.control import Environment
-from limberjack.utils.files import replacing
-from limberjack.workers import OnProgress
+from limberjack.utils.files import read_regular, replacing
+from limberjack.workers import OnProgress, WorkError
 from limberjack.worlds import World
 from limberjack.worlds.appearance import Appearance, Looks
 from limberjack.worlds.faults import Faults
@@ -203,7 +203,7 @@ def evaluate_set(
         for number, run in enumerate(given):
             name = f"run-{number + 1}"
             folder = None if directory is None else directory / name / f"{domain}-{task}"
-            with refusals_named(domain, task, count.show) as show:
+            with _noted(f"{domain} {task}"), refusals_named(domain, task, count.show) as show:
                 of_run = evaluate(
                     domain,
                     task,
@@ -242,6 +242,17 @@ def _chosen(task_set: Tasks, runs: object) -> tuple[TaskSet, list[object]]:
     if not given:
         raise ValueError("there are no runs; expected at least one policy")
     return chosen, given
+
+
+@contextlib.contextmanager
+def _noted(task: str) -> Iterator[None]:
+    """Adds the name of a task to the notes of a policy's or a worker's error."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, PolicyError | WorkError) or hasattr(error, "__notes__"):
+            error.add_note(task)
+        raise
 
 
 class _Counting:
@@ -349,13 +360,14 @@ def _check_folder(directory: Path, asked_for: Mapping[str, object]) -> None:
     """Raises ValueError if a folder holds other results, or anything else."""
     path = directory / SUMMARY
     if not path.exists():
-        if directory.exists() and any(directory.iterdir()):
+        # A process that was killed may have left a hidden file.
+        if directory.exists() and any(one.name[0] != "." for one in directory.iterdir()):
             raise ValueError(
                 f"{directory} holds other files and no {SUMMARY}: choose another folder"
             )
         return
     try:
-        there = json.loads(path.read_text(encoding="utf-8"))
+        there = json.loads(read_regular(path))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no result of this command: {error}") from None
     for name, expected in asked_for.items():

@@ -48,19 +48,18 @@ class EachRow:
         self.sha256 = sha256
         self._policy = policy
         self._acts: dict[int, Act] = {}
-        self._shape: tuple[int, ...] = ()
+        self._shape: tuple[int, ...] = ()  # of the actions of all rows
 
     def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
         """See `Actor`."""
         spec = batch.single_action_spec()
-        self._shape = spec.shape
+        self._shape = (batch.num_envs, *spec.shape)
         for row, seed in zip(rows.tolist(), seeds, strict=True):
             self._acts[row] = self._policy(spec, seed)
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """See `Actor`."""
-        num_envs = len(next(iter(observation.values())))
-        actions = np.zeros((num_envs, *self._shape))
+        actions = np.zeros(self._shape)
         for row in rows.tolist():
             actions[row] = self._acts[row](_of_row(observation, row))
         return actions
@@ -152,14 +151,14 @@ class Batched:
         self._shown_in = np.zeros(ROWS, int)
         self._seeds = np.zeros(ROWS, np.int64)
         self._steps = np.zeros(ROWS, int)
-        self._shape: tuple[int, ...] = ()
+        self._shape: tuple[int, ...] = ()  # of the actions of all rows
 
     def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
         """See `Actor`."""
-        self._begin(batch.single_action_spec(), rows, seeds)
+        self._begin((batch.num_envs, *batch.single_action_spec().shape), rows, seeds)
 
-    def _begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        self._shape = spec.shape
+    def _begin(self, shape: tuple[int, ...], rows: np.ndarray, seeds: Sequence[int]) -> None:
+        self._shape = shape
         self._seeds[rows] = seeds
         self._steps[rows] = 0
         self._shown_in[rows] = self._seeds[rows] % ROWS
@@ -175,8 +174,7 @@ class Batched:
             returned = self._act_batch(_like(observation, shown))
         returned = self._checked(returned, rows)
         self._steps[rows] += 1
-        num_envs = len(next(iter(observation.values())))
-        actions = np.zeros((num_envs, *self._shape))
+        actions = np.zeros(self._shape)
         actions[rows] = returned
         return actions
 
@@ -184,7 +182,7 @@ class Batched:
         """See `Actor`."""
         own = Batched(self.name, self.sha256, self._act_batch, self._reset_batch)
         row = np.zeros(1, int)
-        own._begin(_spec_of(environment, self.name), row, [seed])
+        own._begin((1, *_spec_of(environment, self.name).shape), row, [seed])
 
         def act(observation: Mapping[str, np.ndarray]) -> np.ndarray:
             of_batch = {name: np.asarray(value)[None] for name, value in observation.items()}
@@ -194,7 +192,7 @@ class Batched:
 
     def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
         """The policy's actions for these rows; raises PolicyError if they are invalid."""
-        expected = (ROWS, *self._shape)
+        expected = (ROWS, *self._shape[1:])
         try:
             actions = np.asarray(returned)
         except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere

@@ -83,7 +83,7 @@ def export(
       The card.
 
     Raises:
-      PolicyError: there is no such model, or it has no form in the format.
+      PolicyError: there is no such model, it has no form in the format, or `out` is its file.
       ValueError, TypeError: there is no such task, or a number is out of range.
       OSError: the file cannot be written.
     """
@@ -95,7 +95,9 @@ def export(
     try:
         from limberjack import sb3
 
-        model = sb3.SavedModel(read_model(policy))
+        files = read_model(policy)
+        _check_other(files, Path(out))
+        model = sb3.SavedModel(files)
         network = _converted(model, repeat)
         _check_equal(model, network)
         if is_onnx:
@@ -112,6 +114,13 @@ def export(
     else:
         mlp.save(out, network.layers, card)
     return card
+
+
+def _check_other(files: Iterable[Path], out: Path) -> None:
+    """Raises ValueError if a policy file would replace one of the model's."""
+    for file in files:
+        if out.exists() and out.samefile(file):
+            raise ValueError(f"{out} is the model itself: choose another file for the policy")
 
 
 def _converted(model: _Foreign, action_repeat: int) -> mlp.Mlp:

@@ -504,7 +504,7 @@ def _check(card: Card) -> None:
     if card.end not in ENDS:
         raise ValueError(f"its end is {_shown(card.end)}; expected one of {', '.join(ENDS)}")
     if not 1 <= card.action_repeat <= _MOST_REPEAT:
-        raise ValueError(f"its action_repeat is {card.action_repeat}")
+        raise ValueError(f"its action_repeat is {card.action_repeat}; expected 1 to {_MOST_REPEAT}")
     if (card.mean is None) != (card.scale is None):
         raise ValueError("it has one of mean and scale; expected both or neither")
     for name, values in (("mean", card.mean), ("scale", card.scale)):

@@ -61,13 +61,21 @@ class Folder:
         """The last checkpoint; None without one.
 
         Raises:
-          ValueError: it is damaged.
+          ValueError: it is damaged, or does not fit into memory.
+          OSError: it cannot be read.
         """
         if not self._checkpoint.exists():
             return None
         try:
             with open_regular(self._checkpoint) as file:
                 return pickle.load(file)
+        except OSError:  # of a file that may be whole
+            raise
+        except MemoryError as error:
+            raise ValueError(
+                f"{self._checkpoint} does not fit into the free memory, or is damaged: free memory "
+                "and continue, or remove it to begin again"
+            ) from error
         except Exception as error:  # pickle raises errors of any class
             raise ValueError(
                 f"{self._checkpoint} is damaged ({error}): remove it to begin again"
@@ -120,9 +128,12 @@ def _check(path: Path, identity: Mapping[str, object]) -> None:
         return
     try:
         found = json.loads(read_regular(path))
-        kept = {name: {**_LATER, **found}[name] for name in identity}
-    except (ValueError, KeyError, TypeError):
-        raise ValueError(f"{path} is damaged: choose another folder") from None
+        kept = {name: {**_LATER, **found}.get(name) for name in identity}
+        is_run = not identity.keys().isdisjoint(found)
+    except (RecursionError, TypeError, ValueError):
+        is_run, kept = False, {}
+    if not is_run:
+        raise ValueError(f"{path} is damaged: choose another folder")
     difference = first_difference(identity, kept)
     if difference is not None:
         name, here, there = difference

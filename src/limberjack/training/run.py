@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
+import dm_env
 import numpy as np
 
 from limberjack.episodes.environments import (
@@ -29,7 +30,10 @@ from limberjack.episodes.playing import play
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import LearningCurve, learning_of, mlp
 from limberjack.policies.actors import Batched
+from limberjack.policies.networks import layout_of
+from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batches import batch_of
+from limberjack.rl.builds import own_repeat
 from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.see.report import write_learning_plot
 from limberjack.training.folder import POLICY, Folder, opened
@@ -69,6 +73,8 @@ class _Facts(Facts):
 
 class TrainingError(WorkError):
     """A run that cannot go on, such as one whose losses are no numbers."""
+
+    would_recur = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,7 +157,8 @@ def train(
       TrainingError: the losses are no numbers; the last checkpoint is kept.
       OSError: a file cannot be written; the last checkpoint is kept.
     """
-    if checked_seed(seed) >= _RUNS:
+    seed = checked_seed(seed)
+    if seed >= _RUNS:
         raise ValueError(f"seed is {seed}; expected a whole number below {_RUNS}")
     settings = settings or settings_for(domain if isinstance(domain, str) else "", task)
     if steps is not None:
@@ -161,8 +168,9 @@ def train(
             f"time_limit is {settings.time_limit}, but a function makes the environment: set it "
             "there"
         )
+    directory = Path(out).absolute()  # a function that makes environments may change folders
     began = time.process_time()
-    if not (Path(out) / POLICY).exists():  # a finished run is reported without the packages
+    if not (directory / POLICY).exists():  # a finished run is reported without the packages
         importlib.import_module("limberjack.training.learner")
     factory = factory_of(domain, task, settings.time_limit, world)
     identity = _identified(factory, settings, seed)
@@ -170,7 +178,7 @@ def train(
     with contextlib.ExitStack() as stack:
         # NumPy's global stream, which the algorithm draws from.
         stack.callback(np.random.set_state, np.random.get_state())
-        folder = stack.enter_context(opened(Path(out), identity, more))
+        folder = stack.enter_context(opened(directory, identity, more))
         was_finished = folder.policy.exists()
         if not was_finished:
             training = _Training(
@@ -202,8 +210,7 @@ def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, ob
     """Facts that identify a run, as values of JSON; raises ValueError if it cannot be trained."""
     limit = "time_limit, or a task named by its domain time_limit = SECONDS in its settings"
     environment = checked_environment(factory, [0], is_kept=True, limit=limit)
-    if PIXELS_KEY in cast(Mapping[str, object], environment.observation_spec()):
-        raise ValueError(f"{factory.title} observes pictures; expected numbers only")
+    _check_learnable(factory.title, environment, settings)
     return {
         "format": _FORMAT,
         **factory.facts,
@@ -213,6 +220,23 @@ def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, ob
         "world": inside(environment).world,
         "settings": dataclasses.asdict(settings),
     }
+
+
+def _check_learnable(title: str, environment: dm_env.Environment, settings: Settings) -> None:
+    """Raises ValueError unless a network can be trained in an environment with these settings."""
+    if PIXELS_KEY in cast(Mapping[str, object], environment.observation_spec()):
+        raise ValueError(f"{title} observes pictures; expected numbers only")
+    if not any(math.prod(shape) for _, shape in layout_of(environment)):
+        raise ValueError(f"{title} observes nothing; expected at least one number")
+    shape = spec_of(environment).shape
+    if len(shape) != 1:
+        raise ValueError(f"{title} has actions of shape {shape}; expected one axis, such as (2,)")
+    own = own_repeat(environment)
+    if own not in (1, settings.action_repeat):
+        raise ValueError(
+            f"{title} repeats each action for {own} control steps, and the settings for "
+            f"{settings.action_repeat}: set action_repeat = {own} in the settings"
+        )
 
 
 class _Training:

@@ -139,7 +139,7 @@ _BY_TYPE: Mapping[object, _Check] = {
 _VALID: Mapping[str, _Check] = {
     "num_envs": (lambda value: _is_count(value, MOST_ROWS), f"a whole number up to {MOST_ROWS}"),
     "time_limit": (lambda value: value is None or _is_within(value, above=0), "seconds"),
-    "noise": (lambda value: value == 0 or _is_within(value, 0, 1), "a number from 0 to 1"),
+    "noise": (lambda value: value in (0, 1) or _is_within(value, 0, 1), "a number from 0 to 1"),
     "reward_offset": (_is_within, "a number"),
     "discount": (lambda value: _is_within(value, 0, 1), "a number between 0 and 1"),
 }

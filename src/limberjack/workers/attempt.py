@@ -27,7 +27,12 @@ class WorkError(RuntimeError):
 
     The message is one line that names the cause, and the node where there is one. Results that
     arrived before it are complete, and the other units can be played later.
+
+    Attributes:
+      would_recur: whether the same call fails again, so that the message has other advice.
     """
+
+    would_recur = False
 
 
 @dataclasses.dataclass(frozen=True)
