@@ -18,7 +18,7 @@ import json
 import re
 import statistics
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -86,6 +86,9 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
       trained: has folders DOMAIN-TASK-SEED of `limberjack train`.
       folder: of the bundled policies.
       out: of the results.
+
+    Raises:
+      ValueError: runs of a task differ in more than their seeds.
     """
     tasks: dict[str, list[Path]] = {}
     for path in sorted(trained.glob(f"*/{_POLICY}")):
@@ -93,6 +96,7 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
     complete = {name: runs for name, runs in tasks.items() if len(runs) >= _LEAST_RUNS}
     for name, runs in complete.items():
         odd = runs[: len(runs) - (len(runs) + 1) % 2]
+        _check_alike(name, odd)
         scored = [_scored(run) for run in odd]
         middle = statistics.median(one["mean"] for one, _ in scored)
         index = next(i for i, (one, _) in enumerate(scored) if one["mean"] == middle)
@@ -118,6 +122,22 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
         text = json.dumps(content, indent=1, allow_nan=False) + "\n"
         (out / f"{name}.json").write_text(_short_lists(text), encoding="utf-8")
     return list(complete)
+
+
+def _check_alike(name: str, runs: Iterable[Path]) -> None:
+    """Raises ValueError unless runs are of the task of their folders, and differ by their seeds."""
+    first, *others = runs
+    seeds = set()
+    for run in (first, *others):
+        card = mlp.load(run / _POLICY).card
+        if f"{card.domain}-{card.task}" != name or card.world is not None:
+            world = f" with {card.world}" if card.world else ""
+            raise ValueError(f"{run} is of {card.title}{world}: name its folder so, or move it")
+        if _used(_settings(run)) != _used(_settings(first)):
+            raise ValueError(f"{run} has other settings than {first}: train one of them again")
+        if card.seeds in seeds:
+            raise ValueError(f"{run} has the seed of another run, {card.seeds[0]}: move it")
+        seeds.add(card.seeds)
 
 
 def results(folder: Path = RESULTS) -> list[_Result]:
@@ -242,14 +262,14 @@ def _short_lists(text: str) -> str:
 
 
 def is_outdated(result: _Result) -> bool:
-    """Whether the table of settings has other ones than those of a task's runs.
-
-    Settings that did not exist when the runs were made count with their defaults.
-    """
-    defaults = dataclasses.asdict(Settings())
+    """Whether the table of settings has other ones than those of a task's runs."""
     now = settings_for(result["domain"], result["task"])
-    used = {**defaults, **result["settings"]}
-    return json.dumps(used, sort_keys=True) != json.dumps(dataclasses.asdict(now), sort_keys=True)
+    return _used(result["settings"]) != _used(dataclasses.asdict(now))
+
+
+def _used(settings: Mapping[str, object]) -> str:
+    """The settings of a run as a text; those that did not exist then count with their defaults."""
+    return json.dumps({**dataclasses.asdict(Settings()), **settings}, sort_keys=True)
 
 
 def recipe(found: Iterable[_Result]) -> str:

@@ -113,6 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("folders", nargs="*", type=Path, help="of `limberjack evaluate --out`")
     for folder in parser.parse_args(arguments).folders:
         result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        _check(folder, result)
         policy = re.sub(r"\W+", "-", result["policy"])
         name = f"{result['domain']}-{result['task']}-{policy}.json"
         _RESULTS.mkdir(parents=True, exist_ok=True)
@@ -125,6 +126,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         else:
             drawn.write_bytes(png.encode(picture))
     _PAGE.write_text(page(read_results()), encoding="utf-8")
+
+
+def _check(folder: Path, result: _Result) -> None:
+    """Ends the program for a result whose numbers the page would show as if they were others."""
+    expected = {"world": None, "action_repeat": 1}
+    for name, value in expected.items():
+        if result.get(name) != value:
+            raise SystemExit(f"{folder} has {name} {result.get(name)!r}; the page is of {value!r}")
+    if (result.get("domain"), result.get("task")) not in suite.ALL_TASKS:
+        raise SystemExit(f"{folder} is of no task of the suite, and the page has no other")
+    if result["episodes_asked_for"] < 2:
+        raise SystemExit(f"{folder} has one episode, and the page needs an interval")
 
 
 def read_results() -> list[_Result]:

@@ -135,6 +135,24 @@ def test_three_runs_are_scored_and_the_median_one_is_bundled(
     assert "pendulum swingup" in learned.section([result])
 
 
+def test_runs_that_differ_in_more_than_their_seeds_are_not_bundled(tmp_path: Path) -> None:
+    folders = [tmp_path / f"pendulum-swingup-{seed}" for seed in range(3)]
+    for seed, folder in enumerate(folders):
+        _make_run(folder, min(seed, 1), 0.0)
+
+    def refused(message: str) -> None:
+        with pytest.raises(ValueError, match=re.escape(message)):
+            learned.bundle(tmp_path, tmp_path / "pretrained", tmp_path / "results")
+
+    refused(f"{folders[2]} has the seed of another run, 1: move it")
+    facts = {"settings": dataclasses.asdict(Settings(steps=7))}
+    (folders[2] / "training.json").write_text(json.dumps(facts))
+    refused(f"{folders[2]} has other settings than {folders[0]}: train one of them")
+    for seed, folder in enumerate(folders):
+        folder.rename(tmp_path / f"walker-walk-{seed}")
+    refused(f"{tmp_path / 'walker-walk-0'} is of pendulum swingup: name its folder so")
+
+
 def test_lqr_is_compared_with_the_optimal_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -113,6 +113,27 @@ def test_a_folder_is_taken_over(script: Any, tmp_path: Path, monkeypatch: Any) -
     assert "| stack_2 | zero | 0:4 |" in page
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"world": {"faults": "easy"}}, "has world {'faults': 'easy'}; the page is of None"),
+        ({"action_repeat": 2}, "has action_repeat 2; the page is of 1"),
+        ({"domain": "swing"}, "is of no task of the suite"),
+        ({"episodes_asked_for": 1}, "has one episode"),
+    ],
+)
+def test_a_result_that_the_page_would_show_as_another_is_refused(
+    change: dict[str, Any], message: str, script: Any, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(script, "_RESULTS", tmp_path / "results")
+    path = _REPOSITORY / "benchmarks/results/scores/fish-swim-planner.json"
+    result = {**json.loads(path.read_text(encoding="utf-8")), **change}
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    with pytest.raises(SystemExit, match=re.escape(message)):
+        script.main([str(tmp_path)])
+    assert [one.name for one in tmp_path.iterdir()] == ["result.json"]
+
+
 @pytest.mark.usefixtures("pictures")
 def test_starts_that_the_planner_does_not_solve_are_drawn(
     script: Any, tmp_path: Path, monkeypatch: Any

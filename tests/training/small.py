@@ -13,7 +13,16 @@ from limberjack.rl import control
 from limberjack.suite import base
 from limberjack.training import Settings
 
-__all__ = ["SMALL", "blind", "make", "moving", "of_one_number", "remembering", "repeating"]
+__all__ = [
+    "SMALL",
+    "blind",
+    "make",
+    "moving",
+    "of_one_number",
+    "remembering",
+    "repeating",
+    "tiring",
+]
 
 SMALL = Settings(
     steps=1200,
@@ -100,9 +109,32 @@ class _OfOneNumber(_Blind):
         physics.set_control(np.reshape(action, 1))
 
 
+class _Tiring(_Blind):
+    """A task that remembers how much was done in an episode, and is played in rows."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        self._spent = 0.0
+        super().initialize_episode(physics)
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        self._spent = 0.9 * self._spent + abs(float(action[0]))
+        super().before_step(action, physics)
+
+    def get_observation(self, physics: Any) -> Any:
+        return collections.OrderedDict(state=physics.get_state(), time=physics.time())
+
+    def get_reward(self, physics: Any) -> float:
+        return 1.0 - 0.1 * self._spent
+
+
 def _of(task: base.Task) -> dm_env.Environment:
     physics: Any = suite.load("pendulum", "swingup").physics
     return control.Environment(physics, task, time_limit=0.4)
+
+
+def tiring(seed: int) -> dm_env.Environment:
+    """A short pendulum with a task that remembers something."""
+    return _of(_Tiring(random=seed))
 
 
 def blind(seed: int) -> dm_env.Environment:

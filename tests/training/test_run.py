@@ -31,6 +31,7 @@ from tests.training.small import (
     of_one_number,
     remembering,
     repeating,
+    tiring,
 )
 
 _REASON = "needs the extra 'train'"
@@ -124,6 +125,17 @@ def test_a_killed_run_continues_bit_for_bit(
     assert run.policy.read_bytes() == undisturbed.policy.read_bytes()
     seconds = [one.processor_seconds for one in run.curve]
     assert seconds == sorted(seconds)
+
+
+def test_a_killed_run_whose_task_remembers_something_continues_bit_for_bit(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, steps=240, time_limit=None)
+    whole = train(tiring, out=tmp_path / "whole", settings=settings)
+    for step in (96, 108, 180):
+        with pytest.raises(_KilledError):
+            train(tiring, out=tmp_path / "run", settings=settings, on_progress=_killed_at(step))
+    run = train(tiring, out=tmp_path / "run", settings=settings)
+    assert _without_times(run) == _without_times(whole)
+    assert run.policy.read_bytes() == whole.policy.read_bytes()
 
 
 def test_a_finished_run_is_reported_without_the_packages(
