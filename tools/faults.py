@@ -741,6 +741,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "evaluation/statistics.py": [
         ("cut = int(_CUT * flat.shape[-1])", "cut = round(_CUT * flat.shape[-1])"),
+        ("np.sort(_finite(scores).reshape", "np.sort(scores.reshape"),
         ("size=(count, runs, tasks)", "size=(count, runs, 1)"),
         ("_checked(scores).mean(axis=-1)", "_checked(scores).mean(axis=0)"),
     ],

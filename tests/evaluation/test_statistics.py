@@ -84,12 +84,15 @@ def test_percentiles_are_those_of_the_means_of_runs() -> None:
 def test_scores_that_are_no_matrix_are_refused() -> None:
     with pytest.raises(ValueError, match=r"shape \(3,\); expected \(runs, tasks\)"):
         stratified_interval(np.ones(3))
-    with pytest.raises(ValueError, match=r"shape \(0, 4\)"):
-        percentiles(np.ones((0, 4)))
+    for statistic in (interquartile_mean, percentiles):
+        with pytest.raises(ValueError, match=r"shape \(0, 4\); expected at least one run"):
+            statistic(np.ones((0, 4)))
 
 
 def test_a_missing_score_is_refused_by_its_place() -> None:
     scores = np.ones((2, 3))
     scores[1, 2] = np.nan
-    with pytest.raises(ValueError, match="run 1 on task 2 is nan; leave out tasks"):
-        stratified_interval(scores)
+    # A sort puts it last, among the scores that do not count.
+    for statistic in (interquartile_mean, percentiles, stratified_interval):
+        with pytest.raises(ValueError, match="run 1 on task 2 is nan; leave out tasks"):
+            statistic(scores)

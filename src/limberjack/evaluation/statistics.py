@@ -36,8 +36,11 @@ def interquartile_mean(scores: np.ndarray) -> np.ndarray:
 
     Returns:
       (...).
+
+    Raises:
+      ValueError: a score is not finite, or there are none.
     """
-    flat = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
+    flat = np.sort(_finite(scores).reshape(*scores.shape[:-2], -1), axis=-1)
     cut = int(_CUT * flat.shape[-1])
     return flat[..., cut : flat.shape[-1] - cut].mean(axis=-1)
 
@@ -96,12 +99,20 @@ def percentiles(scores: np.ndarray) -> dict[int, float]:
 
 def _checked(scores: np.ndarray) -> np.ndarray:
     """The scores, if they are a matrix of finite numbers."""
-    if scores.ndim != 2 or scores.size == 0:
+    if scores.ndim != 2:
         raise ValueError(f"scores have shape {scores.shape}; expected (runs, tasks)")
+    return _finite(scores)
+
+
+def _finite(scores: np.ndarray) -> np.ndarray:
+    """The scores, (..., runs, tasks), if all are finite; a sort would hide others at its end."""
+    if scores.size == 0:
+        raise ValueError(f"scores have shape {scores.shape}; expected at least one run and task")
     if not np.isfinite(scores).all():
-        run, task = np.argwhere(~np.isfinite(scores))[0].tolist()
+        index = tuple(np.argwhere(~np.isfinite(scores))[0].tolist())
+        *_, run, task = 0, *index
         raise ValueError(
-            f"the score of run {run} on task {task} is {scores[run, task]}; leave out tasks that a "
-            "run lacks"
+            f"the score of run {run} on task {task} is {scores[index]}; leave out tasks that a run "
+            "lacks"
         )
     return scores
