@@ -888,7 +888,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return 1 if own == demanded else demanded", "return demanded"),
         ("        setattr(owner, field, np.zeros_like(getattr(owner, field)))\n", ""),
         ("takes[name] != has[name]", "len(takes[name]) != len(has[name])"),
-        ("(np.array(card.high) > high)", "(np.array(card.high) < low)"),
+        ("(most > task_most)", "(most < task_least)"),
+        ("np.asarray(one, np.float32) for one in given", "np.asarray(one) for one in given"),
     ],
     "policies/kinds.py": [
         ("    if action_repeat is None and own == 1:\n", "    if action_repeat is None:\n"),

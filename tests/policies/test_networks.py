@@ -15,7 +15,7 @@ from limberjack.evaluation import evaluate
 from limberjack.policies import PolicyError, mlp, networks
 from limberjack.rl.control import Environment
 from limberjack.rl.randomize import scale, shift
-from limberjack.suite.wrappers import pixels
+from limberjack.suite.wrappers import action_scale, pixels
 from limberjack.viewer.session import Session
 from limberjack.workers.shipping import ship, unpack
 from tests.episodes.collected import whole_hashes
@@ -139,6 +139,16 @@ def test_a_network_of_another_form_is_refused_by_name(
     assert "\n" not in str(caught.value)
     with pytest.raises(PolicyError, match=message):
         policies.find(name).begin_alone(_load(), 0)
+
+
+def test_bounds_of_a_file_may_be_those_of_the_task_in_float32(tmp_path: Path) -> None:
+    low, high = (tuple(np.full(6, bound, np.float32).tolist()) for bound in (-0.1, 0.1))
+    assert high[0] > 0.1
+    environment = action_scale.Wrapper(_load(), minimum=-0.1, maximum=0.1)
+    policies.find(write(tmp_path / "p", low=low, high=high), environment)
+    name = write(tmp_path / "p", low=low, high=(*high[:5], 0.1001))
+    with pytest.raises(PolicyError, match=r"5 reaches from -0\.1 to 0\.1001; the task's"):
+        policies.find(name, environment)
 
 
 def _without_layout(tmp_path: Path) -> str:

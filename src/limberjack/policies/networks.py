@@ -265,7 +265,11 @@ def _of_actions(card: mlp.Card, environment: dm_env.Environment) -> str | None:
     if spec.shape != (len(card.low),):
         return f"its actions have shape {(len(card.low),)}; the task's have {spec.shape}"
     low, high = open_bounds(spec)
-    is_out = (np.array(card.low) < low) | (np.array(card.high) > high)
+    with np.errstate(over="ignore"):  # a bound of a file may be beyond float32
+        # In which other libraries have their bounds: 0.1 is larger there.
+        given = card.low, card.high, low, high
+        least, most, task_least, task_most = (np.asarray(one, np.float32) for one in given)
+    is_out = (least < task_least) | (most > task_most)
     if not is_out.any():
         return None
     first = int(np.flatnonzero(is_out)[0])
