@@ -721,6 +721,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "evaluation/protocol.py": [
         ("_ACTION_REPEAT if demanded is None else None", "_ACTION_REPEAT"),
+        ("    if twice:\n", "    if False:\n"),
+        ("isinstance(error, PolicyError | WorkError) or hasattr", "hasattr"),
         ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
         (
             "for one in evaluations for score in one.scores",

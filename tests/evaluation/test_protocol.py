@@ -198,6 +198,13 @@ def test_a_folder_of_other_results_is_refused_and_left_alone(tmp_path: Path) -> 
     assert evaluate_set(_FAST, "zero", out=other, num_threads=1).files == (other / "set.json",)
 
 
+def test_a_run_that_is_given_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match="run 'zero' occurs twice; expected each once"):
+        evaluate_set(_FAST, ["zero", "random", "zero"])
+    with pytest.raises(ValueError, match="run 'zero' occurs twice; expected each once"):
+        episodes_of(_FAST, ["zero", "random", "zero"])
+
+
 def test_an_error_while_playing_is_no_missing_policy() -> None:
     def broken(observation: object) -> np.ndarray:
         return np.full(1, np.nan)

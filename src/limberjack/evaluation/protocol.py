@@ -236,11 +236,21 @@ def episodes_of(task_set: Tasks, runs: object) -> int:
 
 
 def _chosen(task_set: Tasks, runs: object) -> tuple[TaskSet, list[object]]:
-    """The set, and the runs as a list; raises ValueError if one of them is unknown or empty."""
+    """The set, and the runs as a list.
+
+    Raises:
+      ValueError: one of them is unknown or empty, or a run is there twice, which narrows intervals.
+    """
     chosen = sets.find(task_set)
     given = list(runs) if isinstance(runs, list | tuple) else [runs]
     if not given:
         raise ValueError("there are no runs; expected at least one policy")
+    named = [run for run in given if isinstance(run, str)]
+    twice = [run for run in named if named.count(run) > 1]
+    if twice:
+        raise ValueError(
+            f"run {twice[0]!r} occurs twice; expected each once: equal scores add none"
+        )
     return chosen, given
 
 
