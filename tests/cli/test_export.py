@@ -36,10 +36,10 @@ def test_an_exported_model_is_played_by_its_name(
     baselines.PPO("MlpPolicy", envs, device="cpu", n_steps=8, batch_size=16).save(
         tmp_path / "m.zip"
     )
-    name, out = f"sb3:{tmp_path / 'm.zip'}", tmp_path / "m.safetensors"
+    name, out = f"sb3:{tmp_path / 'm.zip'}", tmp_path / "of mine.safetensors"
     arguments = ["--task", "walker/walk", "--action-repeat", "2"]
     result = invoke("export", name, str(out), *arguments)
-    assert (result.exit_code, result.stdout) == (0, f"{out}: --policy mlp:{out}\n")
+    assert (result.exit_code, result.stdout) == (0, f"{out}: --policy 'mlp:{out}'\n")
     assert result.stderr.startswith(f"limberjack: policy {name!r} is a pickle, and loading it runs")
     assert mlp.load(out).card.title == "walker walk"
     played = invoke("run", "walker", "walk", "--policy", f"mlp:{out}", "--time-limit", "0.1")

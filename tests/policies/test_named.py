@@ -111,6 +111,7 @@ def test_the_reset_of_a_class_or_object_is_called_at_each_start(module: str, nam
             "expected zero, random, planner, pretrained, mlp:PATH, onnx:PATH, sb3:PATH or MODULE:",
         ),
         ("not_a_module:act", "there is no module 'not_a_module'; run from the directory"),
+        ("{}.py:act", "is a file; expected the name of its module, 'policies_of_a_user'"),
         ("{}.deeper:act", "there is no module 'policies_of_a_user.deeper'"),
         (".{}:act", "is relative; expected its full name"),
         ("{}:rmap", "'policies_of_a_user' has no 'rmap'. Did you mean 'ramp'?"),

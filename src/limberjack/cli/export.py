@@ -1,5 +1,6 @@
 """`limberjack export`: a saved model as a policy file."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -55,4 +56,4 @@ def _export(
         of_task = None if task is None else named_task(task, None)
         export(policy, out, task=of_task, action_repeat=action_repeat)
     kind = "onnx" if out.suffix == onnx.ENDING else "mlp"
-    typer.echo(f"{out}: --policy {kind}:{out}")
+    typer.echo(f"{out}: --policy {shlex.quote(f'{kind}:{out}')}")

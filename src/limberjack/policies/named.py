@@ -182,6 +182,11 @@ def _import_module(what: str, module_name: str) -> ModuleType:
             return importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         missing = error.name or ""
+        if module_name.endswith(".py"):
+            full = module_name.removesuffix(".py").replace("/", ".")
+            raise PolicyError(
+                f"{what}: {module_name!r} is a file; expected the name of its module, {full!r}"
+            ) from None
         if module_name == missing or module_name.startswith(f"{missing}."):
             raise PolicyError(
                 f"{what}: there is no module {missing!r}; run from the directory that holds it, or "
