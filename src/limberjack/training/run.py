@@ -271,7 +271,7 @@ class _Training:
 
         def before_step() -> None:
             self._check_losses()
-            if self._control_steps * _EVALUATIONS >= self._settings.steps * len(self._curve):
+            if self._is_evaluation_due():
                 self._evaluate()
             elif time.monotonic() > self._save_at:
                 self._save()
@@ -284,6 +284,12 @@ class _Training:
             self._evaluate()
         policy = self._policy()
         mlp.save(self._folder.policy, policy.layers, policy.card)
+
+    def _is_evaluation_due(self) -> bool:
+        """Whether a twentieth of the run is over, and its end was not evaluated before a kill."""
+        if self._curve and self._curve[-1].control_steps == self._control_steps:
+            return False
+        return self._control_steps * _EVALUATIONS >= self._settings.steps * len(self._curve)
 
     def close(self) -> None:
         """Frees the rows and closes the file of events."""
