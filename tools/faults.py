@@ -497,6 +497,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("(lower > upper, ", "(lower >= upper, "),
         ("return abs(x - lower if lower else x)", "return abs(x)"),
     ],
+    "workers/pool.py": [
+        (
+            "        answers = _Answers()\n",
+            '        answers = vars(self).setdefault("answers", _Answers())\n',
+        ),
+    ],
+    "workers/process.py": [("    os.register_at_fork(after_in_child=answers.close)\n", "")],
     "workers/factories.py": [
         (
             'if known is not None and known.source == "suite":',

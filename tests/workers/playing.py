@@ -25,6 +25,7 @@ __all__ = [
     "Unlucky",
     "damped",
     "exit_status",
+    "fork_and_end",
     "heavy_plain",
     "interrupted",
     "locked",
@@ -158,6 +159,16 @@ def exit_status(setup: Setup, seeds: tuple[int, ...]) -> None:
     """Ends the process."""
     if seeds[0] == 64:
         os._exit(7)
+
+
+def fork_and_end(setup: Setup, seeds: tuple[int, ...]) -> None:
+    """Ends the process, but not one that it has forked, whose number it prints."""
+    child = os.fork()
+    if not child:
+        time.sleep(60)
+        os._exit(0)
+    print(child, flush=True)
+    os._exit(7)
 
 
 def real_time_signal(setup: Setup, seeds: tuple[int, ...]) -> None:

@@ -5,6 +5,7 @@ import errno
 import functools
 import os
 import pickle
+import queue
 import re
 import socket
 import sys
@@ -71,14 +72,32 @@ def test_a_process_is_sent_a_function_and_a_setup_once(monkeypatch: pytest.Monke
     assert [len(new) for new, *_ in messages] == [2, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]
 
 
-def test_results_are_held_back_until_they_are_asked_for() -> None:
+def test_results_are_held_back_until_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    monkeypatch.setattr("limberjack.workers.pool._Answers", lambda: answers)
     setup = prepare(*TASK, "random")
     units = iter(_units(setup, range(64 * 100)))
     with Pool(1) as pool:
         results = pool.results(seeds_of, units)
         next(results)
         time.sleep(0.2)
-        assert pool._answers.qsize() <= 1
+        assert answers.qsize() <= 1
+
+
+def test_results_that_are_given_up_do_not_reach_later_ones() -> None:
+    first, second, third = _units(prepare(*TASK, "random"), range(64 * 3))
+    with Pool(1) as pool:
+        next(pool.results(seeds_of, [first, second]))  # the worker plays on
+        assert list(pool.results(seeds_of, [third])) == [(third, third.seeds)]
+
+
+def test_results_of_two_functions_may_be_read_in_turn() -> None:
+    units = _units(prepare(*TASK, "random"), range(64 * 3))
+    with Pool(1) as pool:
+        both = zip(pool.results(seeds_of, units), pool.results(pid, units), strict=True)
+        found = list(both)
+    assert [(unit, seeds) for (unit, seeds), _ in found] == [(unit, unit.seeds) for unit in units]
+    assert [unit for _, (unit, _) in found] == units
 
 
 def test_a_unit_that_ends_its_worker_three_times_ends_the_run_and_nothing_else() -> None:
@@ -174,7 +193,7 @@ def test_closing_a_pool_ends_units_in_the_middle() -> None:
     setup = prepare(*TASK, "random")
     with Pool(1) as pool:
         (unit,) = _units(setup, range(1))
-        pool._workers[0].give(_forever, unit)
+        pool._workers[0].give(_forever, unit, queue.SimpleQueue())
         while pool._workers[0].state != "playing":
             time.sleep(0.01)
         process: Any = pool._workers[0]._process

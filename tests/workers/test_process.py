@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import pickle
 import signal
 import subprocess
@@ -17,7 +18,8 @@ from limberjack.workers.pool import _PROGRAM
 from limberjack.workers.process import LENGTH, read_message, write_message
 from limberjack.workers.setup import Setup
 
-from .playing import TASK, print_and_seeds, scores_slowly
+from .killing import is_alive
+from .playing import TASK, fork_and_end, print_and_seeds, scores_slowly
 
 
 @pytest.fixture
@@ -80,3 +82,17 @@ def test_a_worker_answers_prints_to_standard_error_and_ends_with_its_input(
     assert b"printed by a policy" in printed
     assert b"written by a library" in printed
     assert b"Traceback" not in printed
+
+
+def test_the_end_of_a_worker_is_noticed_while_a_process_lives_that_it_forked(
+    worker: "subprocess.Popen[bytes]",
+) -> None:
+    units, answers = _streams(worker)
+    setup = prepare(*TASK, "random")
+    write_message(units, [_message(fork_and_end, setup, (0,), {setup.key: setup})])  # pyright: ignore[reportArgumentType]
+    with pytest.raises(EOFError):
+        read_message(answers)  # pyright: ignore[reportArgumentType]
+    assert worker.stderr is not None
+    child = int(worker.stderr.readline())
+    assert is_alive(child)
+    os.kill(child, signal.SIGKILL)

@@ -16,7 +16,7 @@ from limberjack.evaluation import evaluate
 from limberjack.workers import State, Unit, WorkError, open_workers, prepare, units_of
 from tests.episodes.collected import hashes, of_64, whole_hashes
 
-from .playing import TASK, pid
+from .playing import TASK, pid, seeds_of
 
 pytestmark = [
     pytest.mark.ray,
@@ -155,6 +155,16 @@ def test_units_run_in_several_processes() -> None:
     with open_workers(2, ray="local") as workers:
         numbers = {number for _, number in workers.results(pid, units)}
     assert os.getpid() not in numbers
+
+
+def test_results_that_are_given_up_do_not_reach_later_ones() -> None:
+    setup = prepare(*TASK, "random")
+    first, second, third = (Unit(setup, block) for block in units_of(range(192)))
+    with open_workers(1, ray="local") as workers:
+        given_up = workers.results(seeds_of, [first, second])
+        next(given_up)
+        del given_up
+        assert list(workers.results(seeds_of, [third])) == [(third, third.seeds)]
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:99999"])

@@ -4,6 +4,8 @@
         for unit, result in pool.results(function, units):
             ...
 
+Results that are given up half-way leave no trace in later ones; what is being played ends first.
+
 Workers are new Python processes, never forks: `mujoco.batch` cannot be used after a fork. They
 import from the same folders as this process, but not its main program. They hold no shared memory,
 and end with this process, however that ends.
@@ -71,22 +73,20 @@ def _name_of(number: int) -> str:
 class _Worker(threading.Thread):
     """Starts a process when there is a unit for it, and replaces one that has ended."""
 
-    def __init__(self, answers: "queue.SimpleQueue[tuple[_Worker, _Answer]]") -> None:
+    def __init__(self) -> None:
         super().__init__(daemon=True)
         self.state: Literal["idle", "starting", "playing"] = "idle"
-        self.unit: Unit | None = None
-        self._answers = answers
-        self._given: queue.SimpleQueue[tuple[object, Unit] | None] = queue.SimpleQueue()
+        self.unit: Unit | None = None  # that is played, or was last
+        self._given: queue.SimpleQueue[tuple[object, Unit, _Answers] | None] = queue.SimpleQueue()
         self._process: subprocess.Popen[bytes] | None = None
         self._sent: set[str] = set()  # keys of functions and setups that the process knows
         self._guard = threading.Lock()
         self._closing = False
         self.start()
 
-    def give(self, function: object, unit: Unit) -> None:
-        """Plays a unit next; the answer goes to the queue."""
-        self.unit = unit
-        self._given.put((function, unit))
+    def give(self, function: object, unit: Unit, answers: "_Answers") -> None:
+        """Plays a unit after those given before; the answer goes to the queue."""
+        self._given.put((function, unit, answers))
 
     def stop(self) -> None:
         """Ends the process and the thread, in the middle of a unit too."""
@@ -99,14 +99,15 @@ class _Worker(threading.Thread):
     def run(self) -> None:
         """The thread's loop."""
         while (given := self._given.get()) is not None:
+            function, self.unit, answers = given
             try:
-                answer = self._played(*given)
+                answer = self._played(function, self.unit)
             # Such as a function without a name, a result of an unknown class, or too many open
             # files. Without an answer, the driver would wait forever.
             except Exception as error:
                 answer = Failed(described(error))
             self.state = "idle"
-            self._answers.put((self, answer))
+            answers.put((self, self.unit, answer))
         if self._process is not None:
             _ended(self._process)
 
@@ -148,13 +149,16 @@ class _Worker(threading.Thread):
             return self._process
 
 
+# One for each call of `results`: units of a call that was given up are still played.
+_Answers = queue.SimpleQueue[tuple[_Worker, Unit, _Answer]]
+
+
 class Pool:
     """See the module's docstring."""
 
     def __init__(self, workers: int, on_state: OnState | None = None) -> None:
         """Takes the number of processes, which are started when there are units for them."""
-        self._answers: queue.SimpleQueue[tuple[_Worker, _Answer]] = queue.SimpleQueue()
-        self._workers = [_Worker(self._answers) for _ in range(workers)]
+        self._workers = [_Worker() for _ in range(workers)]
         self._lost = 0
         self._on_state = on_state
 
@@ -168,13 +172,12 @@ class Pool:
         """
         waiting, attempts = queue_of(units), dict[Unit, int]()
         idle, playing = deque(self._workers), 0
+        answers = _Answers()
         while waiting or playing:
             while idle and waiting:
-                idle.popleft().give(function, waiting.popleft())
+                idle.popleft().give(function, waiting.popleft(), answers)
                 playing += 1
-            worker, answer = self._next_answer()
-            unit = worker.unit
-            assert unit is not None
+            worker, unit, answer = self._next_answer(answers)
             playing -= 1
             idle.append(worker)
             if isinstance(answer, _Lost):
@@ -186,7 +189,7 @@ class Pool:
                 continue
             value = value_of(answer)
             if waiting:  # now, so that the worker plays while the caller writes
-                idle.pop().give(function, waiting.popleft())
+                idle.pop().give(function, waiting.popleft(), answers)
                 playing += 1
             yield unit, value
 
@@ -203,7 +206,7 @@ class Pool:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _next_answer(self) -> tuple[_Worker, _Answer]:
+    def _next_answer(self, answers: _Answers) -> tuple[_Worker, Unit, _Answer]:
         """Waits for an answer, and reports the workers' state meanwhile."""
         while True:
             if self._on_state is not None:
@@ -211,7 +214,7 @@ class Pool:
                 counts = states.count("playing"), states.count("starting")
                 self._on_state(State(len(states), *counts, self._lost))
             try:
-                return self._answers.get(timeout=_LOOK)
+                return answers.get(timeout=_LOOK)
             except queue.Empty:
                 pass
 

@@ -93,6 +93,8 @@ def _private_streams() -> tuple[BinaryIO, BinaryIO]:
     """Output and input with file numbers of their own; prints go to standard error."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     units = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
+    # A process that a policy forks must not keep the pipe open: the driver would wait for its end.
+    os.register_at_fork(after_in_child=answers.close)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())

@@ -88,16 +88,22 @@ class RayTasks:
                 raise WorkError(f"{unit} lost {_RETRIES + 1} workers: {first}") from error
             return value_of(answer)
 
-        return in_flight(units, self._workers, self._running, submit, self._ended, value)
+        try:
+            yield from in_flight(units, self._workers, self._running, submit, self._ended, value)
+        finally:
+            self._cancel()
 
     def close(self) -> None:
         """Cancels what is running, and ends the Ray that was started here."""
-        for reference in self._running:
-            ray.cancel(reference, force=True)
-        self._running.clear()
+        self._cancel()
         self._setups.clear()
         if self._is_ours:
             ray.shutdown()
+
+    def _cancel(self) -> None:
+        for reference in self._running:
+            ray.cancel(reference, force=True)
+        self._running.clear()
 
     def _shared(self, setup: Setup) -> object:
         """The setup in Ray's store, where all tasks of a node read it."""
