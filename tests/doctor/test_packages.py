@@ -61,6 +61,24 @@ def test_parts_of_several_mujocos_are_a_problem_with_its_remedy(
     assert problem.endswith(_REMEDY)
 
 
+def test_files_that_limberjack_lost_are_a_problem_with_its_remedy(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    metadata = tmp_path / "limberjack-1.0.0.dist-info"
+    metadata.mkdir()
+    (metadata / "RECORD").write_text("limberjack/suite/walker.xml,,", encoding="utf-8")
+    own = importlib.metadata.PathDistribution(metadata)
+    monkeypatch.setattr(packages, "version", {**_CLEAN, "limberjack": "1.0.0"}.get)
+    monkeypatch.setattr(
+        importlib.metadata, "files", lambda name: own.files if name == "limberjack" else []
+    )
+    (problem,) = packages.clashes()
+    assert problem == (
+        "Limberjack lacks 1 of its files, such as limberjack/suite/walker.xml: uninstall it with "
+        "`pip uninstall limberjack`, and install it again as before"
+    )
+
+
 def test_files_that_mujoco_lost_are_a_problem_with_its_remedy(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

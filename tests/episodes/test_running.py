@@ -12,6 +12,7 @@ from limberjack import data, policies, suite
 from limberjack.episodes.running import Run
 from limberjack.mujoco.fingerprint import fingerprint
 from limberjack.policies import PolicyError
+from limberjack.rl.control import Environment
 from limberjack.workers import Scale
 from tests import plain_domain
 from tests.rollouts import run_episode
@@ -187,6 +188,26 @@ def test_a_film_of_another_episode_is_dropped(
     run.write()
     (line,) = [line for line in run.left_out if "seed 3" in line]
     assert line.startswith("the film is not that of seed 3: its return differs by 1 here")
+
+
+class _Undefined(plain_domain.Push):
+    def get_reward(self, physics: Any) -> Any:
+        return np.nan * physics.data.qpos[..., 0]
+
+
+def _undefined(seed: int) -> Environment:
+    physics = plain_domain.push().physics
+    return Environment(physics, _Undefined(seed), time_limit=_SECONDS, control_timestep=0.02)
+
+
+def test_a_film_of_an_episode_whose_rewards_are_no_numbers_is_that_of_the_episode(
+    tmp_path: Path,
+) -> None:
+    run = Run(_undefined, policy="random", out=tmp_path, scale=Scale(num_threads=1))
+    run.play()
+    run.write()
+    assert np.isnan(run.episodes[0].rewards).all()
+    assert run.left_out == ["no video.mp4: no film in this test"]
 
 
 def test_without_pyarrow_all_but_the_steps_is_kept(

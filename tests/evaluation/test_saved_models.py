@@ -75,6 +75,15 @@ def test_a_saved_model_acts_as_the_model_does(algorithm: str, tmp_path: Path) ->
     np.testing.assert_array_equal(_act(_find(tmp_path / "model.zip"), observations), expected)
 
 
+def test_a_model_without_gradients_acts_as_it_did(tmp_path: Path) -> None:
+    contrib = pytest.importorskip("sb3_contrib", reason=_REASON)
+    model = contrib.ARS("LinearPolicy", _envs(), seed=1, device="cpu")
+    model.save(tmp_path / "model.zip")
+    observations, flat = _observations()
+    expected, _ = model.predict(flat, deterministic=True)
+    np.testing.assert_array_equal(_act(_find(tmp_path / "model.zip"), observations), expected)
+
+
 def test_a_model_of_a_dictionary_of_observations_acts_too(tmp_path: Path) -> None:
     # Not a humanoid: SB3 cannot flatten a dictionary with single numbers.
     envs = sb3.make_vec_env("stacker", "stack_2", 2, seed=0, num_threads=1, flat=False)

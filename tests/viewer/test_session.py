@@ -397,6 +397,16 @@ def test_a_policy_that_cannot_act_leaves_the_one_before() -> None:
     assert session.status().step == 1
 
 
+def test_an_error_as_a_policy_begins_is_raised_and_the_one_before_acts_on() -> None:
+    def fail(environment: Any, seed: int) -> Any:
+        raise ValueError("no weights")
+
+    session = Session(_load(), seed=2, policies={"none": idle, "bad": fail})
+    with pytest.raises(ValueError, match="no weights"):
+        session.choose("bad")
+    assert session.status().policy == "none"
+
+
 def test_choosing_a_policy_after_the_end_begins_no_episode_by_half() -> None:
     begins = {"none": idle, "random": viewer.begin_with("random")}
     session = Session(_load(), seed=2, policies=begins)

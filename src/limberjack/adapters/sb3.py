@@ -17,6 +17,7 @@ No other file imports stable_baselines3.
 """
 
 import contextlib
+import inspect
 import io
 import itertools
 import operator
@@ -347,7 +348,9 @@ class SavedModel:
         if self.data.get("use_sde"):
             kwargs["use_sde"] = True
         make = self.data["policy_class"]
-        self.policy = make(space, self.data["action_space"], lambda _: 0.0, **kwargs)
+        if "lr_schedule" in inspect.signature(make).parameters:  # not of a policy without gradients
+            kwargs["lr_schedule"] = lambda _: 0.0
+        self.policy = make(space, self.data["action_space"], **kwargs)
         self.policy.load_state_dict(parameters["policy"])
         self.policy.set_training_mode(False)
 
@@ -403,7 +406,10 @@ def _saved_model(path: Path, content: bytes) -> tuple[dict[str, Any], dict[str, 
         data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
     needed = {"action_space", "observation_space", "policy_class", "policy_kwargs"}
     if not (data and parameters and needed <= data.keys() and "policy" in parameters):
-        raise ValueError(f"{path} holds no policy; expected a file that model.save wrote")
+        raise ValueError(
+            f"{path} holds no networks of PyTorch's, as those of SBX do not; expected a file that "
+            "model.save of Stable-Baselines3 wrote"
+        )
     return data, parameters
 
 

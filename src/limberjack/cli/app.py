@@ -106,16 +106,16 @@ def main() -> None:
             sys.stdout.reconfigure(errors="backslashreplace")
         try:
             app(prog_name="limberjack")
-        except (AttributeError, ImportError) as error:
-            report = _report_on_mujoco(error)
+        except (AttributeError, ImportError, OSError) as error:
+            report = _report_on_files(error)
             if report is None:
                 raise
             typer.echo(f"limberjack: {report}", err=True)
             sys.exit(FAILED)
 
 
-def _report_on_mujoco(error: Exception) -> str | None:
-    """Commands that help where MuJoCo is not installed as it should be; None where it is."""
+def _report_on_files(error: Exception) -> str | None:
+    """Commands that help where files of MuJoCo or Limberjack are missing; None otherwise."""
     from limberjack.doctor import packages  # which imports no MuJoCo
 
     clashes = packages.clashes()

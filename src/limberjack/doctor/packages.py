@@ -54,7 +54,10 @@ def versions() -> dict[str, str | None]:
 
 
 def clashes() -> list[str]:
-    """Problems with MuJoCo's packages, which share one folder, each with the commands that help."""
+    """Problems with installed files, each with the commands that help.
+
+    MuJoCo's packages share one folder; files of Limberjack may have been lost as those of any.
+    """
     found = {name: version(name) for name in MUJOCO_DISTRIBUTIONS}
     installed = {name: number for name, number in found.items() if number is not None}
     if len(set(installed.values())) > 1:
@@ -67,6 +70,12 @@ def clashes() -> list[str]:
     if lost:
         why = f"MuJoCo {found['mujoco']} lacks {len(lost)} of its files, such as {lost[0]}"
         return [str(broken_mujoco(why))]
+    lost = list(_lost_files("limberjack")) if version("limberjack") else []
+    if lost:
+        return [
+            f"Limberjack lacks {len(lost)} of its files, such as {lost[0]}: uninstall it with "
+            "`pip uninstall limberjack`, and install it again as before"
+        ]
     return []
 
 

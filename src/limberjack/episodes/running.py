@@ -277,7 +277,8 @@ class Run:
         with contextlib.closing(batch):
             ((again,),) = play(batch, actor, [episode.seed], **how)
         recorder.finish_film()
-        if not np.array_equal(again.rewards, episode.rewards):  # another processor has played it
+        # Another processor has played it.
+        if not np.array_equal(again.rewards, episode.rewards, equal_nan=True):
             gap = abs(again.total - episode.total)
             self.left_out.append(
                 f"the film is not that of seed {episode.seed}: its return differs by {gap:.3g} here"

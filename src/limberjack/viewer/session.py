@@ -245,19 +245,22 @@ class Session:
     def choose(self, policy: str) -> None:
         """Lets another policy act from this state on, and begin the next episodes.
 
-        A policy that cannot act here is reported in the status, and the one before goes on.
+        The one before goes on if a policy cannot begin here; a PolicyError is in the status.
 
         Raises:
           ValueError: none of `policies` has that name.
+          Exception: any error of the policy but a PolicyError.
         """
         if policy not in self._policies:
             raise ValueError(f"no policy is {policy!r}; expected one of {self.policies}")
-        before, act = self._policy, self._act
-        self._policy = policy
+        before, self._policy = self._policy, policy
         try:
             self._begin_policy()
-        except PolicyError as error:
-            self._policy, self._act, self._note = before, act, str(error)
+        except Exception as error:
+            self._policy = before
+            if not isinstance(error, PolicyError):
+                raise
+            self._note = str(error)
 
     def set_action(self, action: np.ndarray) -> None:
         """Acts with this action where no policy does.

@@ -39,6 +39,14 @@ def test_a_chart_is_drawn_to_scale() -> None:
     assert 'aria-label="Reward: reward from 0 to 1"' in chart
 
 
+def test_the_ticks_of_a_small_range_are_at_their_values() -> None:
+    chart = line_chart("x", np.arange(2.0), [Line("x", np.array([0.0, 1e-14]))])
+    found = re.findall(r'<span style="bottom: ([\d.-]+)%">([^<]*)', chart)
+    assert found[0] == ("4.55", "0")
+    assert [text for _, text in found] == ["0", "2e-15", "4e-15", "6e-15", "8e-15", "1e-14"]
+    assert found[-1] == ("95.45", "1e-14")
+
+
 def test_a_chart_of_a_constant_and_one_of_nothing_can_be_drawn() -> None:
     for value in (3.0, 0.0, -1e-9, 1e12, np.nan):
         chart = line_chart("x", np.arange(3.0), [Line("x", np.full(3, value))])

@@ -37,6 +37,8 @@ def test_names_that_are_no_text_or_look_like_a_formula_are_drawn(tmp_path: Path)
         path = tmp_path / "plot.png"
         write_distribution_plot(path, name, {name: [1.0], "zero": [0.0]}, {})
         report.write_return_plot(path, name, _EPISODES, 0.01)
+    hidden = Learning("task", [_RUN._replace(name="_mine")], None, None)
+    assert _written(tmp_path / "hidden.svg", [hidden]).count(" _mine: 650<") == 1
     name = "of $x^2$ \udcff"
     task = Learning(name, [_RUN._replace(name=name)], _OWN, (700.0, name))
     text = _written(tmp_path / "curve.svg", [task])

@@ -137,6 +137,9 @@ def test_a_return_that_is_not_finite_is_named(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     report.write_page(path, as_result(_RUN, [broken], "abc"), [broken], trace, None)
     assert "not a number" in path.read_text()
+    both = [broken, Episode(4, None, np.array([0.5, 1.0]))]
+    report.write_page(path, as_result(_RUN, both, "abc"), both, trace, None)
+    assert "Mean reward</dt><dd>0.7500" in path.read_text()
 
 
 def test_the_page_of_a_long_episode_is_small(tmp_path: Path) -> None:

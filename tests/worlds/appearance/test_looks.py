@@ -4,6 +4,7 @@ import copy
 import itertools
 import os
 import pickle
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,6 +16,7 @@ from limberjack import suite
 from limberjack.rl import control
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
+from limberjack.utils import png
 from limberjack.worlds.appearance import Appearance, Looks
 from tests.plain_pictures import draw_plainly
 from tests.representatives import REPRESENTATIVES, Task
@@ -232,6 +234,24 @@ def test_what_moves_changes_at_every_interval_and_can_go_back_in_time() -> None:
     assert_array_equal(look.colors(materials, 0.03), seen[3])
     other = materials + 0.1  # such as the colours that show the reward
     assert (np.abs(look.colors(other, 0.0) - 0.6) <= 0.2).all()
+
+
+def test_a_relative_path_is_of_the_directory_where_it_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = []
+    for folder in ("one", "two"):
+        (tmp_path / folder / "x").mkdir(parents=True)
+        picture = np.full((6, 8, 3), len(looks), np.uint8)
+        (tmp_path / folder / "x" / "1.png").write_bytes(png.encode(picture))
+        monkeypatch.chdir(tmp_path / folder / "x")
+        looks.append(Looks(Appearance.of({"background": "images:."}), 1, 0.02))
+    monkeypatch.chdir(tmp_path)
+    rows = [Looks.of_rows(one, 2) for one in looks]
+    assert [one.clips[0].frame(0)[0, 0, 0] for one in rows if one is not None] == [0, 1]
+    described = [one.as_json() for one in looks]
+    assert [one["background"] for one in described] == ["images:x", "images:x"]
+    assert described[0]["files"] != described[1]["files"]
 
 
 def test_videos_in_turn_are_those_of_the_next_episodes(tmp_path: Any) -> None:

@@ -78,6 +78,8 @@ def test_videos_are_decoded_once_and_dropped_beyond_the_limit(
     monkeypatch.setattr(media, "_decoded", decode)
     monkeypatch.setattr(media, "_MOST_BYTES", 5 * SIDE * SIDE * 3)
     files = [tmp_path / f"{name}.mp4" for name in "abc"]
+    for file in files:
+        file.touch()
     clips = [media.Clip([file], is_video=True) for file in files]
     for number in (0, 1, 0, 2, 0, 1):
         clips[number].frame(0)
@@ -109,6 +111,22 @@ def test_what_cannot_be_shown_is_refused_in_one_line(
     with pytest.raises(ValueError, match=message) as raised:
         find(kind, str(path), None)
     assert "\n" not in str(raised.value)
+
+
+def test_a_file_that_has_changed_is_read_again_and_one_that_is_gone_is_named(
+    tmp_path: Path,
+) -> None:
+    picture, video = tmp_path / "1.png", tmp_path / "1.mp4"
+    _picture(picture, 7)
+    _video(video, [20])
+    (pictures,), (frames,) = find("images", str(tmp_path), 1), find("video", str(video), 1)
+    _picture(picture, 9)
+    _video(video, [20, 20])
+    assert pictures.frame(0)[0, 0, 0] == 9
+    assert frames.length == 2
+    picture.unlink()
+    with pytest.raises(ValueError, match=r"1\.png cannot be read: No such file"):
+        pictures.frame(0)
 
 
 def test_without_its_packages_the_extra_is_named(

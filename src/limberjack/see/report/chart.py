@@ -220,7 +220,7 @@ def _ticks(low: float, high: float, intervals: int) -> Iterator[float]:
     power = 10.0 ** math.floor(math.log10(rough))
     step = min((m * power for m in (1, 2, 5, 10)), key=lambda s: abs(math.log(s / rough)))
     for count in range(math.ceil(low / step), math.floor(high / step) + 1):
-        yield round(count * step, 12)
+        yield float(f"{count * step:.12g}")
 
 
 def _labels(ticks: Sequence[tuple[float, str]], side: str) -> str:

@@ -147,9 +147,11 @@ def write_learning_plot(path: Path, tasks: Sequence[Learning], description: str 
 def _as_it_is(name: str) -> str:
     """A name of anyone's, of which matplotlib draws each character: no formula, no lone surrogate.
 
-    It takes text between dollars for a formula.
+    It takes text between dollars for a formula, and leaves labels that begin with an underscore out
+    of legends.
     """
-    return encodable(name).replace("$", r"\$")
+    text = encodable(name).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
 
 
 def _draw_learning(axes: "Axes", task: Learning, over: str) -> None:

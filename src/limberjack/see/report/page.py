@@ -103,7 +103,8 @@ def _figures(result: Result) -> Iterator[tuple[str, str]]:
         yield "Least and greatest", f"{min(returns):.4g} to {max(returns):.4g}"
     else:
         yield "Return", _number(episodes[0]["return"])
-    mean = sum(returns) / steps if returns else math.nan
+    counted = sum(entry["length"] for entry in episodes if entry["return"] is not None)
+    mean = sum(returns) / counted if counted else math.nan
     yield "Mean reward", f"{mean:.4f}"
 
 

@@ -10,7 +10,9 @@ the episode, and the time in it. A row therefore looks as the single environment
 as it did before it was saved. `mujoco.dressing` draws it.
 """
 
+import dataclasses
 import hashlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -47,8 +49,11 @@ class Looks:
         Raises:
           ValueError, ImportError: see `media.find`.
         """
-        self.options = options
         kind, path = options.source
+        if path:  # now, since a program may change its working directory
+            path = os.path.abspath(Path(path).expanduser())
+            options = dataclasses.replace(options, background=f"{kind}:{path}")
+        self.options = options
         self.clips = media.find(kind, path, options.most_clips) if path else []
         if options.files is not None and options.files != media.fingerprint(self.clips):
             raise ValueError(

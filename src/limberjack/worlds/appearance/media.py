@@ -7,7 +7,8 @@
 
 Every frame is scaled to a square, as the side of a sky is. No other file imports Pillow, which
 reads pictures; videos are read by ffmpeg. Decoded frames are shared by all environments of the
-process, up to a limit of memory.
+process, up to a limit of memory, and decoded again if a file's size or its time of change is
+another.
 """
 
 import collections
@@ -34,6 +35,9 @@ _MOST_BYTES = 2**29  # of decoded videos
 _MOST_IMAGES = 1024  # decoded pictures: 200 MB
 _FRAME_BYTES = SIDE * SIDE * 3
 
+# The path, size and time of change of a file.
+_Version = tuple[Path, int, int]
+
 
 class Clip:
     """Frames in the order of time, of pictures in files or of a video."""
@@ -45,8 +49,8 @@ class Clip:
 
     @property
     def length(self) -> int:
-        """The number of frames; a video is read for it."""
-        return len(_videos.frames(self.files[0])) if self._is_video else len(self.files)
+        """The number of frames; a video is read for it, as in `frame`."""
+        return len(_videos.frames(_version(self.files[0]))) if self._is_video else len(self.files)
 
     def frame(self, number: int) -> np.ndarray:
         """A frame, (SIDE, SIDE, 3) uint8.
@@ -56,8 +60,8 @@ class Clip:
           ImportError: a package to read it with is missing.
         """
         if self._is_video:
-            return _videos.frames(self.files[0])[number]
-        return _image(self.files[number])
+            return _videos.frames(_version(self.files[0]))[number]
+        return _image(_version(self.files[number]))
 
 
 def find(kind: str, path: str, count: int | None) -> list[Clip]:
@@ -102,16 +106,23 @@ def fingerprint(clips: Sequence[Clip]) -> str:
     digest = hashlib.sha256()
     for clip in clips:
         for file in clip.files:
-            facts = file.stat()
-            digest.update(_hash(file, facts.st_size, facts.st_mtime_ns))
+            digest.update(_hash(_version(file)))
         digest.update(b"clip")
     return digest.hexdigest()
 
 
+def _version(file: Path) -> _Version:
+    try:
+        facts = file.stat()
+    except OSError as error:
+        raise ValueError(f"{file} cannot be read: {error.strerror}") from error
+    return file, facts.st_size, facts.st_mtime_ns
+
+
 @functools.lru_cache(None)
-def _hash(file: Path, size: int, changed: int) -> bytes:
-    """SHA-256 of a file, computed again if its size or its time of change is another."""
-    return hashlib.sha256(file.read_bytes()).digest()
+def _hash(version: _Version) -> bytes:
+    """SHA-256 of a file."""
+    return hashlib.sha256(version[0].read_bytes()).digest()
 
 
 def resized(frame: np.ndarray, height: int, width: int) -> np.ndarray:
@@ -146,7 +157,8 @@ def _in_order(path: Path) -> list[object]:
 
 
 @functools.lru_cache(_MOST_IMAGES)
-def _image(file: Path) -> np.ndarray:
+def _image(version: _Version) -> np.ndarray:
+    file = version[0]
     try:
         from PIL import UnidentifiedImageError
         from PIL.Image import open as opened
@@ -164,18 +176,18 @@ class _Videos:
     """Decoded videos, of which those used least recently are dropped."""
 
     def __init__(self) -> None:
-        self._frames: collections.OrderedDict[Path, np.ndarray] = collections.OrderedDict()
+        self._frames: collections.OrderedDict[_Version, np.ndarray] = collections.OrderedDict()
         self._lock = threading.Lock()
 
-    def frames(self, file: Path) -> np.ndarray:
+    def frames(self, version: _Version) -> np.ndarray:
         """All frames of a file, (n, SIDE, SIDE, 3) uint8."""
         with self._lock:
-            if file not in self._frames:
-                self._frames[file] = _decoded(file)
-            self._frames.move_to_end(file)
+            if version not in self._frames:
+                self._frames[version] = _decoded(version[0])
+            self._frames.move_to_end(version)
             while len(self._frames) > 1 and self._nbytes > _MOST_BYTES:
                 self._frames.popitem(last=False)
-            return self._frames[file]
+            return self._frames[version]
 
     @property
     def _nbytes(self) -> int:
