@@ -535,6 +535,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('repr(time_limit).removesuffix(".0")', 'f"{time_limit:g}"'),
         ("for module in modules for word", "for module in modules[:1] for word"),
     ],
+    "bench/contest.py": [
+        ("_n_sub_steps * self.environment._action_repeat", "_n_sub_steps"),
+        ("if is_plain and self.environment._faults is None:", "if is_plain:"),
+        ("batch.step_limit / batch._action_repeat", "batch.step_limit"),
+    ],
     "cli/bench.py": [
         ('{"--threads": threads, "--columns": columns}', '{"--threads": threads}'),
     ],

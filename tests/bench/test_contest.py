@@ -1,8 +1,12 @@
 """`limberjack.bench.take_turns`; the tests of benchmarks/ use `Contest`."""
 
-import numpy as np
+from typing import Any
 
-from limberjack import bench
+import numpy as np
+import pytest
+
+from limberjack import bench, suite
+from limberjack.rl.control import Environment
 
 
 def test_players_take_turns_with_the_same_actions() -> None:
@@ -23,3 +27,22 @@ def test_players_take_turns_with_the_same_actions() -> None:
     assert "".join(name for name, _ in seen) == "abcabcbca"
     for first in (0, 3, 6):
         assert all(actions is seen[first][1] for _, actions in seen[first : first + 3])
+
+
+def _repeating(seed: int) -> Environment:
+    return suite.load(
+        "point_mass", "easy", {"random": seed, "time_limit": 1.0}, {"action_repeat": 2}
+    )
+
+
+def _late(seed: int) -> Environment:
+    return suite.load("point_mass", "easy", {"random": seed}, {"faults": {"delay": {"actions": 2}}})
+
+
+@pytest.mark.parametrize(("make", "episode"), [(_repeating, 25), (_late, 1000)])
+def test_environments_that_repeat_or_delay_actions_are_compared(make: Any, episode: int) -> None:
+    with bench.Contest(make, None, num_envs=2, num_threads=1) as contest:
+        assert contest.episode == episode
+        actions = contest.actions(5)
+        for play in (contest.physics, contest.batch, contest.vector):
+            play(actions)

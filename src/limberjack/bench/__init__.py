@@ -9,10 +9,10 @@
     print(result.recommended_threads["step"])
 
 Whatever is compared takes turns: a block of steps each within the same fraction of a second, so
-that other load on the machine slows all alike. A step is one action of one environment, a control
-step, whatever number of physics steps it has. Starts of episodes are not measured: they take at
-most 2 % of an episode. If a task ends some episodes early, the starts after those count towards the
-batch and the vector environment.
+that other load on the machine slows all alike. A step is one action of one environment, whatever
+number of physics steps it has; an environment may repeat actions. Starts of episodes are not
+measured: they take at most 2 % of an episode. If a task ends some episodes early, the starts after
+those count towards the batch and the vector environment.
 """
 
 from limberjack.bench.columns import COLUMNS, NEARLY_BEST, OURS, Cell, Result, Row, Speed, measure

@@ -79,7 +79,7 @@ class Contest:
         self.vector_env = vector_env(factory, num_envs, num_threads)
         self.batch: Player = player(self.environment.step)
         self.vector: Player = player(self.vector_env.step)
-        self._num_substeps = self.environment._n_sub_steps
+        self._num_substeps = self.environment._n_sub_steps * self.environment._action_repeat
         self._bare: dict[bool, Batch] = {}
         self.environment.reset()
         self.vector_env.reset(seed=SEED)
@@ -151,8 +151,9 @@ class Contest:
             )
 
     def _acts_directly(self, rows: np.ndarray) -> bool:
-        """Whether the task's actions are the actuators' controls, by its class or these rows."""
-        if type(self.environment.task).before_step is base.Task.before_step:
+        """Whether the given actions are the actuators' controls, by the task or by these rows."""
+        is_plain = type(self.environment.task).before_step is base.Task.before_step
+        if is_plain and self.environment._faults is None:
             return True
         found = self.environment.physics.control()[rows]
         return np.array_equal(found, self._controls[rows])
@@ -235,8 +236,8 @@ def vector_env(factory: Factory, num_envs: int, num_threads: int) -> VectorEnv:
 
 
 def _steps_of_episode(batch: BatchEnvironment) -> int:
-    """The most steps of an episode, or the most to measure if that is less."""
-    limit = batch.step_limit
+    """The most actions of an episode, or the most to measure if that is less."""
+    limit = batch.step_limit / batch._action_repeat
     return _EPISODE if limit >= _EPISODE else math.ceil(limit)
 
 
