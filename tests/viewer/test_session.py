@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from limberjack import policies, suite, viewer
-from limberjack.rl.control import PhysicsError
+from limberjack.rl.control import Environment, PhysicsError
+from limberjack.suite import base
 from limberjack.viewer.session import Session, idle
 from tests.clocks import Clock
 from tests.rollouts import run_episode
@@ -395,6 +396,28 @@ def test_a_policy_that_cannot_act_leaves_the_one_before() -> None:
     assert (status.policy, status.note) == ("random", "it does not fit")
     session.step()
     assert session.status().step == 1
+
+
+class _Tiring(base.Task):
+    """Rewards less with each call."""
+
+    calls = 0
+
+    def get_observation(self, physics: Any) -> Any:
+        return {"qpos": physics.position()}
+
+    def reward_terms(self, physics: Any) -> Any:
+        self.calls += 1
+        return {"left": 1 / self.calls}
+
+
+def test_a_status_leaves_no_trace_in_the_task() -> None:
+    task = _Tiring(random=0)
+    session = Session(Environment(_load(domain="pendulum", task="swingup").physics, task))
+    for _ in range(2):
+        session.step()
+        assert session.status().terms == session.status().terms
+    assert session.status().total == 1 + 1 / 2
 
 
 def test_an_error_as_a_policy_begins_is_raised_and_the_one_before_acts_on() -> None:

@@ -23,6 +23,7 @@ import numpy as np
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.control import Environment, PhysicsError, shown_by
+from limberjack.rl.memory import stand_in
 from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
@@ -409,11 +410,12 @@ class Session:
 
     def _terms(self) -> Mapping[str, float]:
         """The terms of the reward in this state, where the task defines them."""
-        reward_terms = getattr(self._task, "reward_terms", None)
-        if reward_terms is None:
+        if not hasattr(self._task, "reward_terms"):
             return {}
+        physics = self._environment.physics
         try:
-            return reward_terms(self._environment.physics)
+            with stand_in(self._task, physics) as task:  # which may count its calls, or draw
+                return task.reward_terms(physics)
         except NotImplementedError:
             return {}
 

@@ -156,6 +156,20 @@ def test_looking_for_labels_changes_nothing() -> None:
     np.testing.assert_equal(after.streams, before.streams)
 
 
+class _Counting(base.Task):
+    observed = 0
+
+    def get_observation(self, physics: Any) -> Any:
+        self.observed += 1
+        return {"angle": physics.position()}
+
+
+def test_looking_for_labels_leaves_no_trace_in_the_task() -> None:
+    env = control.Environment(suite.load("pendulum", "swingup").physics, _Counting(random=0))
+    assert [label.name for label in labels_of(env).observations["angle"]] == ["hinge"]
+    assert env.task.observed == 0
+
+
 def test_numbers_that_depend_on_no_single_object_keep_their_index() -> None:
     env = suite.load("humanoid", "walk")
     env.task.get_observation = lambda physics: collections.OrderedDict(

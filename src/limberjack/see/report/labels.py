@@ -15,10 +15,9 @@ named after the body, joint or sensor that it alone depends on, and what remains
 have the unit that `OBSERVATIONS` of the task's module declares for all numbers of the observation.
 """
 
-import contextlib
 import copy
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ import numpy as np
 from limberjack.mujoco import Physics, fields
 from limberjack.mujoco.official import mujoco
 from limberjack.rl.control import Environment, flatten_observation
+from limberjack.rl.memory import stand_in
 from limberjack.suite.base import Observed
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ def labels_of(environment: Environment) -> Labels:
     """The labels of an environment's flattened observations and actions.
 
     Observations without names and units are absent; there are no actions unless each is a control
-    of an actuator. The environment is not changed, and its random stream continues as before.
+    of an actuator. The environment is not changed, nor what its task remembers.
     """
     physics = environment.physics
     if not isinstance(physics, Physics):
@@ -225,26 +225,12 @@ def labels_of(environment: Environment) -> Labels:
     names = controls(model)
     spec = environment.action_spec()
     actions = names if getattr(spec, "shape", None) == (len(names),) else ()
-    with _stream_kept(environment.task):
+    with stand_in(environment.task, physics):
         try:
             observed = _Probe(environment, physics).observed()
         except Exception:  # of a task that computes with the state: charts then show indices
             return Labels({}, actions)
     return Labels(observed, actions)
-
-
-@contextlib.contextmanager
-def _stream_kept(task: object) -> Iterator[None]:
-    """Leave the task's random stream as it was, if it has one."""
-    stream = getattr(task, "random", None)
-    if not isinstance(stream, np.random.RandomState):
-        yield
-        return
-    state = stream.get_state()
-    try:
-        yield
-    finally:
-        stream.set_state(state)
 
 
 class _Probe:
