@@ -499,6 +499,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("(lower > upper, ", "(lower >= upper, "),
         ("return abs(x - lower if lower else x)", "return abs(x)"),
     ],
+    "workers/attempt.py": [("except (Exception, SystemExit) as", "except Exception as")],
     "workers/pool.py": [
         (
             "        answers = _Answers()\n",

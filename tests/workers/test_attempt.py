@@ -37,10 +37,11 @@ def test_a_result_is_an_answer() -> None:
         (KeyError("a\nb"), ["policy 'p', step 3"], r"policy 'p', step 3: KeyError: 'a\nb'"),
         (OSError("two\nlines"), [], "OSError: two lines"),
         (AssertionError(), [], "AssertionError"),
+        (SystemExit("enough"), [], "SystemExit: enough"),
     ],
 )
 def test_an_error_is_one_line_with_its_notes_and_the_node(
-    error: Exception, notes: list[str], message: str
+    error: BaseException, notes: list[str], message: str
 ) -> None:
     failed = attempt(_raising(error, *notes), prepare(*TASK, "random"), (0,))
     assert isinstance(failed, Failed)

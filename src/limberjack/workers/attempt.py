@@ -64,7 +64,7 @@ def attempt(
         raise
     except Refused as refusal:
         return Failed(str(refusal))
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # the latter would end the driver
         return Failed(described(error))
 
 
