@@ -47,6 +47,11 @@ def test_a_function_that_needs_a_seed_is_given_it(
     assert shown[0]["place"].tolist() == _place(plain_domain.make(seed or 0))
 
 
+def test_a_function_that_makes_no_environment_is_told_what_is_expected() -> None:
+    with pytest.raises(TypeError, match="NoneType has no MuJoCo simulation to show; expected"):
+        viewer.launch(lambda: None, native=True)
+
+
 def test_a_function_that_can_do_without_is_called_without(shown: list[dict[str, Any]]) -> None:
     given: list[object] = []
 

@@ -61,6 +61,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "viewer/session.py": [
         ("self._seed = seed - self._episodes\n", "self._seed = seed\n"),
         ("with stand_in(self._task, physics) as task:", "if task := self._task:"),
+        (
+            "    low, high = bounds_to_try(spec)\n    action",
+            "    low, high = spec.minimum, spec.maximum\n    action",
+        ),
         ("            self._episodes -= 1\n", ""),
         (
             "            self._policy = before\n            if not isinstance",

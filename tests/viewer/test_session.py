@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dm_env import specs
 
 from limberjack import policies, suite, viewer
 from limberjack.rl.control import Environment, PhysicsError
@@ -396,6 +397,24 @@ def test_a_policy_that_cannot_act_leaves_the_one_before() -> None:
     assert (status.policy, status.note) == ("random", "it does not fit")
     session.step()
     assert session.status().step == 1
+
+
+class _Unlimited(base.Task):
+    def get_observation(self, physics: Any) -> Any:
+        return {"qpos": physics.position()}
+
+    def get_reward(self, physics: Any) -> Any:
+        return 0.0
+
+    def action_spec(self, physics: Any) -> Any:
+        return specs.BoundedArray((1,), float, -np.inf, np.inf)
+
+
+def test_without_a_policy_actions_without_bounds_are_zeros() -> None:
+    physics = _load(domain="pendulum", task="swingup").physics
+    session = Session(Environment(physics, _Unlimited(random=0)))
+    session.step()
+    assert session.status().action == (0.0,)
 
 
 class _Tiring(base.Task):

@@ -106,7 +106,8 @@ def launch(
     with contextlib.ExitStack() as stack:
         environment = environment_loader
         if not isinstance(environment, Environment) and callable(environment):
-            environment = stack.enter_context(contextlib.closing(_made(environment, seed)))
+            environment = _made(environment, seed)
+            stack.callback(getattr(environment, "close", lambda: None))
         begins = offered(environment, chosen, plans if explain else None)
         stack.enter_context(contextlib.suppress(KeyboardInterrupt))
         session = Session(

@@ -97,10 +97,10 @@ class Status:
 
 
 def idle(environment: Environment, seed: int) -> Act:
-    """Acts with the middle of the actions' bounds."""
+    """Acts with the middle of the actions' bounds; infinite ones are replaced, as for sliders."""
     spec = environment.action_spec()
-    middle = np.clip(0.5 * (spec.minimum + spec.maximum), spec.minimum, spec.maximum)
-    action = np.broadcast_to(middle, spec.shape).astype(spec.dtype)
+    low, high = bounds_to_try(spec)
+    action = np.clip(0.5 * (low + high), spec.minimum, spec.maximum).astype(spec.dtype)
     return lambda time_step: action.copy()
 
 

@@ -252,6 +252,10 @@ def test_a_relative_path_is_of_the_directory_where_it_was_given(
     described = [one.as_json() for one in looks]
     assert [one["background"] for one in described] == ["images:x", "images:x"]
     assert described[0]["files"] != described[1]["files"]
+    with pytest.raises(ValueError, match=r"does not exist; .*: run this where the folder is$"):
+        Looks(Appearance.of(described[0]), 1, 0.02)
+    monkeypatch.chdir(tmp_path / "one")
+    assert Looks(Appearance.of(described[0]), 1, 0.02).as_json() == described[0]
 
 
 def test_videos_in_turn_are_those_of_the_next_episodes(tmp_path: Any) -> None:

@@ -54,7 +54,14 @@ class Looks:
             path = os.path.abspath(Path(path).expanduser())
             options = dataclasses.replace(options, background=f"{kind}:{path}")
         self.options = options
-        self.clips = media.find(kind, path, options.most_clips) if path else []
+        try:
+            self.clips = media.find(kind, path, options.most_clips) if path else []
+        except ValueError as error:
+            if options.files is None:
+                raise
+            raise ValueError(
+                f"{error}; a result has the name of the folder alone: run this where the folder is"
+            ) from None
         if options.files is not None and options.files != media.fingerprint(self.clips):
             raise ValueError(
                 f"appearance's background {options.background} has other files than those with the "
