@@ -534,6 +534,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('return f" {text}" if text.startswith("_") else text', "return text"),
     ],
     "utils/texts.py": [('"backslashreplace"', '"replace"')],
+    "cli/app.py": [
+        ("except (AttributeError, ImportError, OSError)", "except (AttributeError, ImportError)")
+    ],
     "cli/suite.py": [("        ASSETS[name] = sky\n", "        pass\n")],
     "episodes/running.py": [(", equal_nan=True", "")],
     "see/report/page.py": [(' if entry["return"] is not None)\n    mean', ")\n    mean")],

@@ -234,3 +234,21 @@ def test_a_damaged_mujoco_is_reported_with_commands_on_lines_of_their_own(
     assert "MuJoCo cannot be imported: no core bindings" in said
     assert "--no-deps" not in said
     assert "Traceback" not in said
+
+
+def test_a_lost_file_of_limberjack_is_reported_in_one_line() -> None:
+    program = """
+import sys
+from limberjack import cli, suite
+from limberjack.doctor import packages
+
+def lost():
+    raise FileNotFoundError(2, "No such file or directory", "walker.xml")
+
+suite.tasks, packages.clashes = lost, lambda: ["Limberjack lacks 1 of its files"]
+sys.argv = ["limberjack", "list"]
+cli.main()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "limberjack: Limberjack lacks 1 of its files\n"
