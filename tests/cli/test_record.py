@@ -15,6 +15,7 @@ import typer.testing
 
 from limberjack import data, policies, suite
 from limberjack.cli import app
+from limberjack.episodes.films import DepartedError
 from limberjack.utils.files import Hold
 from tests.policies import saved_models
 
@@ -376,6 +377,21 @@ def test_the_planner_is_filmed_in_rows_each_planning_for_itself(tmp_path: Path) 
     task = ["record", "manipulator", "bring_ball", "--seconds", "0.04", "--policy", "planner"]
     assert _invoke(*task, *_SIZE, "--rows", 2, "--out", film).exit_code == 0
     assert _frames(film)[1].shape == (2, 96, 128, 3)
+
+
+@pytest.mark.usefixtures("pictures")
+def test_an_episode_of_a_dataset_that_is_another_one_here_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def departed(*arguments: object, **others: object) -> None:
+        raise DepartedError("the episode has other rewards")
+
+    monkeypatch.setattr("limberjack.episodes.films._check_same", departed)
+    data.collect("pendulum", "swingup", "random", range(1), out=tmp_path, time_limit=0.1)
+    film = tmp_path / "film.gif"
+    result = _invoke("record", "--from", tmp_path, *_SIZE, "--out", film)
+    assert result.exit_code == 1
+    assert result.stderr == f"limberjack: no {film}: the episode has other rewards\n"
 
 
 @pytest.mark.usefixtures("pictures")

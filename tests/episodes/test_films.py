@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from limberjack.data import Dataset, Kept, collect, film, load
-from limberjack.episodes.films import drawable, record
+from limberjack.episodes.episode import Episode
+from limberjack.episodes.films import DepartedError, _check_same, drawable, record
 from limberjack.episodes.parquet import encode
 from limberjack.rl.control import Environment
 from limberjack.utils.files import Hold
@@ -295,9 +296,19 @@ def test_a_film_of_other_rewards_than_the_recorded_ones_is_refused(
     forged = dataclasses.replace(episode, rewards=episode.rewards + 1)
     name = "seeds-0000000069-0000000070.parquet"
     put(tmp_path, name, encode(pendulums.recipe, [forged]))
-    with pytest.raises(ValueError, match=r"seed 69 has return .* here, and .* in the dataset"):
+    with pytest.raises(ValueError, match=r"seed 69 has other rewards here, .* than in the dataset"):
         film(load(tmp_path, allow_gaps=True), 69, out=tmp_path / "film.gif", **_VIEW)
     assert [path.name for path in tmp_path.iterdir()] == ["episodes"]
+
+
+def test_an_episode_that_ends_earlier_is_another_one_and_undefined_rewards_are_equal(
+    pendulums: Dataset,
+) -> None:
+    whole = Episode(69, None, np.array([1.0, np.nan, 2.0]))
+    _check_same(whole, whole, pendulums.recipe)
+    early = Episode(69, None, whole.rewards[:2])
+    with pytest.raises(DepartedError, match=r"nan in 2 steps, .* nan in 3: "):
+        _check_same(early, whole, pendulums.recipe)
 
 
 def test_an_episode_that_is_not_there_is_refused(arms: Dataset, tmp_path: Path) -> None:

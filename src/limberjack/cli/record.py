@@ -143,6 +143,7 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
     Before the episode has begun, an error is a mistake on the command line; later it is one of the
     policy or the task.
     """
+    from limberjack.episodes.films import DepartedError
     from limberjack.mujoco.camera import RenderingError
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
@@ -161,7 +162,7 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
     except KeyboardInterrupt:
         complain(f"interrupted: {path} is not written")
         raise typer.Exit(INTERRUPTED) from None
-    except (ImportError, OSError, PhysicsError, RenderingError) as error:
+    except (DepartedError, ImportError, OSError, PhysicsError, RenderingError) as error:
         complain(f"no {path}: {worded(error)}")
         raise typer.Exit(FAILED) from None
     except PolicyError as error:

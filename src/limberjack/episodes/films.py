@@ -9,6 +9,7 @@ all. They need the extra `video` and OpenGL. `limberjack.see.video` films other 
 """
 
 import contextlib
+import functools
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -41,7 +42,7 @@ from limberjack.worlds import World
 if TYPE_CHECKING:
     from limberjack.episodes.dataset import Dataset  # which needs the extra 'data'
 
-__all__ = ["View", "drawable", "film", "record"]
+__all__ = ["DepartedError", "View", "drawable", "film", "record"]
 
 _LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
 _TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would cover too much
@@ -50,6 +51,10 @@ _FTYP = slice(4, 8)  # bytes of an MP4 that name its first part
 
 # Called with steps so far, steps in all and the return so far, of several episodes the mean.
 _OnProgress = Callable[[int, int, float], object]
+
+
+class DepartedError(ValueError):
+    """A recorded episode that is played again is another one here; there is no film of it."""
 
 
 class View(TypedDict):
@@ -151,7 +156,8 @@ def film(
       view: as for `record`.
 
     Raises:
-      ValueError: there is no such episode, it is another one here, or see `record`.
+      DepartedError: the episode is another one here.
+      ValueError: there is no such episode, or see `record`.
       ImportError, OSError, PhysicsError, RenderingError: see `record`.
     """
     if seed not in dataset.seeds:
@@ -166,25 +172,21 @@ def film(
         if episode.states is not None:
             stage.show(path, episode.states, episode.rewards, on_progress)
             return path
-        checked = _checking(episode, recipe, on_progress)
-        stage.film(path, recorded({seed: episode.actions}), [seed], checked)
+        actor = recorded({seed: episode.actions})
+        check = functools.partial(_check_same, recorded=episode, recipe=recipe)
+        stage.film(path, actor, [seed], on_progress, on_ended=check)
     return path
 
 
-def _checking(episode: Episode, recipe: Recipe, on_progress: _OnProgress | None) -> _OnProgress:
-    """A function that raises ValueError if the last step has another return than the episode."""
-
-    def checked(step: int, steps: int, total: float) -> None:
-        if step == episode.length and total != episode.total:
-            raise ValueError(
-                f"the episode of seed {episode.seed} has return {total} here, and {episode.total} "
-                "in the dataset: with --states it could be filmed with other versions."
-                f"{other_versions(recipe, None)}"
-            )
-        if on_progress is not None:
-            on_progress(step, steps, total)
-
-    return checked
+def _check_same(found: Episode, recorded: Episode, recipe: Recipe) -> None:
+    """Raises DepartedError unless an episode that was played again has the recorded rewards."""
+    if not np.array_equal(found.rewards, recorded.rewards, equal_nan=True):
+        raise DepartedError(
+            f"the episode of seed {recorded.seed} has other rewards here, with return "
+            f"{found.total} in {found.length} steps, than in the dataset, with return "
+            f"{recorded.total} in {recorded.length}: with --states it could be filmed with other "
+            f"versions.{other_versions(recipe, None)}"
+        )
 
 
 def _held(path: Path) -> Hold:
@@ -324,8 +326,9 @@ class _Stage:
         seeds: Sequence[int],
         on_progress: _OnProgress | None,
         action_repeat: int = 1,
+        on_ended: Callable[[Episode], object] = lambda _: None,
     ) -> None:
-        """Films an episode of each row."""
+        """Films an episode of each row, unless `on_ended` raises an error for one."""
         with self._begun(path) as film:
 
             def on_step(step: Step) -> None:
@@ -335,8 +338,9 @@ class _Stage:
                 film.add_picture(lambda: self._pictures(step))
 
             how = {"most_steps": self.step_limit, "on_step": on_step}
-            for _ in play(self.batch, actor, seeds, action_repeat=action_repeat, **how):
-                pass
+            for ended in play(self.batch, actor, seeds, action_repeat=action_repeat, **how):
+                for episode in ended:
+                    on_ended(episode)
 
     def show(
         self,
