@@ -410,11 +410,11 @@ class Session:
 
     def _terms(self) -> Mapping[str, float]:
         """The terms of the reward in this state, where the task defines them."""
-        if not hasattr(self._task, "reward_terms"):
+        task, physics = self._task, self._environment.physics
+        if task is None or not hasattr(task, "reward_terms"):
             return {}
-        physics = self._environment.physics
         try:
-            with stand_in(self._task, physics) as task:  # which may count its calls, or draw
+            with stand_in(task, physics):  # it may count its calls, or draw
                 return task.reward_terms(physics)
         except NotImplementedError:
             return {}
