@@ -50,7 +50,7 @@ def test_without_numbers_powers_of_two_and_all_cores_are_tried(
 
 
 @pytest.mark.parametrize(
-    ("domain", "task", "is_bundled"), [("walker", "walk", True), ("lqr", "lqr_2_1", False)]
+    ("domain", "task", "is_bundled"), [("walker", "walk", True), ("lqr", "lqr_6_2", False)]
 )
 def test_the_forward_pass_is_that_of_the_bundled_policy_or_of_a_network(
     domain: str, task: str, is_bundled: bool, monkeypatch: pytest.MonkeyPatch

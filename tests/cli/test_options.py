@@ -1,6 +1,7 @@
 """Arguments and options that several commands have: tasks, environments, seeds, and their words."""
 
 import json
+import re
 import sys
 import typing
 from collections.abc import Iterator
@@ -545,7 +546,8 @@ def test_an_appearance_is_part_of_the_identity_of_results_and_of_the_recipe_of_a
     assert world["appearance"]["background"] == "images:photos"
     assert len(world["appearance"]["files"]) == 64
     assert str(tmp_path) not in dataset.recipe.text(range(2))
-    with pytest.raises(ValueError, match="images:photos, which does not exist"):
+    missing = rf"images:{re.escape(str(tmp_path / 'photos'))}, which does not exist; .* run this "
+    with pytest.raises(ValueError, match=missing + "where the folder is"):
         data.replay(dataset, num_threads=1)
     monkeypatch.chdir(folder.parent)
     assert data.replay(dataset, num_threads=1) is None
