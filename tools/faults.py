@@ -537,7 +537,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "cli/app.py": [
         ("except (AttributeError, ImportError, OSError)", "except (AttributeError, ImportError)")
     ],
-    "cli/suite.py": [("        ASSETS[name] = sky\n", "        pass\n")],
     "episodes/running.py": [(", equal_nan=True", "")],
     "episodes/films.py": [
         (", equal_nan=True", ""),

@@ -13,7 +13,6 @@ import typer.testing
 from limberjack import suite
 from limberjack.cli import app
 from limberjack.mujoco.wrapper import sharing
-from limberjack.suite import common
 
 
 def _invoke(*arguments: str) -> Any:
@@ -44,12 +43,6 @@ def test_list_has_a_row_for_each_task_with_its_sizes() -> None:
     assert rows == list(suite.ALL_TASKS)
     assert re.search(r"humanoid +walk +benchmarking +21 +67 *$", result.stdout, re.MULTILINE)
     assert re.search(r"stacker +stack_4 +hard, extra +5 +63 *$", result.stdout, re.MULTILINE)
-
-
-def test_listing_leaves_the_models_of_later_environments_alone() -> None:
-    before = dict(common.ASSETS)
-    assert _invoke("list").exit_code == 0
-    assert before == common.ASSETS
 
 
 def test_list_as_json_has_an_object_for_each_task() -> None:

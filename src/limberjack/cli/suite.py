@@ -1,10 +1,8 @@
 """`limberjack list` and `gallery`: the tasks of the suite, and a picture of each."""
 
-import contextlib
 import dataclasses
 import json as json_module
 import math
-from collections.abc import Iterator
 from typing import Annotated
 
 import typer
@@ -43,8 +41,7 @@ def _list(
 
     for name, problem in suite.find_installed().items():
         complain(f"domain {name!r} is left out: {problem}")
-    with _small_sky():
-        tasks = [_described(domain, task) for domain, task in suite.tasks()]
+    tasks = [_described(domain, task) for domain, task in suite.tasks()]
     if json:
         typer.echo(json_module.dumps([dataclasses.asdict(task) for task in tasks], indent=2))
         return
@@ -53,21 +50,6 @@ def _list(
         sizes = str(task.action_size), str(task.observation_size)
         rows.add_row(task.domain, task.task, ", ".join(task.tags), *sizes)
     console().print(rows)
-
-
-@contextlib.contextmanager
-def _small_sky() -> Iterator[None]:
-    """Models that are compiled meanwhile have a sky of few pixels, in a fifth of the time."""
-    from limberjack.suite.common import ASSETS
-
-    name = "./common/skybox.xml"
-    sky = ASSETS[name]
-    small = '<texture name="skybox" type="skybox" builtin="flat" width="8" height="8"/>'
-    ASSETS[name] = f"<mujoco><asset>{small}</asset></mujoco>".encode()
-    try:
-        yield
-    finally:
-        ASSETS[name] = sky
 
 
 def _described(domain: str, task: str) -> _Task:
