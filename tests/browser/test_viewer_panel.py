@@ -148,8 +148,7 @@ def test_a_recording_is_a_download_of_the_browser(viewed: _Viewed) -> None:
     viewed.browser.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(films))
     button = "document.getElementById('record')"
     page.evaluate(f"{button}.click()")
-    page.wait_for(f"{button}.textContent == 'Stop and save'")
-    page.wait_for_frames(5)
+    page.wait_for(f"{button}.textContent == 'Stop and save'")  # there is a picture
     page.evaluate(f"{button}.click()")
     page.wait_for(f"{button}.textContent == 'Record'")
     wait(lambda: any(film.stat().st_size > _SMALLEST_FILM for film in films.glob("limberjack.*")))
