@@ -1,6 +1,7 @@
 """Scores the policies that `limberjack train` has learned, bundles the median ones, writes a table.
 
     limberjack train walker walk --seed 0 --out trained/walker-walk-0      # and seeds 1 and 2
+    python examples/evolution.py --seed 0 --out trained/lqr-lqr_6_2-0
     python benchmarks/learned.py trained
 
 plays each finished policy of `trained/DOMAIN-TASK-SEED` on 100 seeds that no training has seen,
@@ -65,13 +66,14 @@ _WIDTH = 100  # of a line of text
 _MILLION = 1_000_000
 
 _TEXT = """
-Each task was trained with {runs} seeds by `limberjack train`, and the policy of the median run is
-bundled, never the best one. Returns are those of 100 seeds that no training has seen
-({first}:{end}), from observations, at the action repeat of the card. *interval*: 95 % confidence,
-of the mean over these seeds. *success*: the share of episodes whose last 100 steps have a mean
-reward of at least 0.9. *runs*: the means of all runs. *published*: the best published mean after 1
-million steps, as in [Scores](scores.md#published-scores); of lqr, whose optimal policy is known,
-the cost as a multiple of that of the optimal policy on the same starts.
+Each task was trained with {runs} seeds by `limberjack train`{others}.
+The policy of the median run is bundled, never the best one. Returns are those of 100 seeds that no
+training has seen ({first}:{end}), from observations, at the action repeat of the card. *interval*:
+95 % confidence, of the mean over these seeds. *success*: the share of episodes whose last 100 steps
+have a mean reward of at least 0.9. *runs*: the means of all runs. *published*: the best published
+mean after 1 million steps, as in [Scores](scores.md#published-scores); of lqr, whose optimal policy
+is known, the cost as a multiple of that of the optimal policy on the same starts. It is optimal for
+episodes without an end: within 1,000 steps another one may cost less.
 `benchmarks/results/learned` has every return and the learning curves.
 """
 
@@ -83,7 +85,7 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
     """Scores the runs of a folder and bundles the median ones; returns the names of the tasks.
 
     Args:
-      trained: has folders DOMAIN-TASK-SEED of `limberjack train`.
+      trained: has folders DOMAIN-TASK-SEED of `limberjack train` or of another program.
       folder: of the bundled policies.
       out: of the results.
 
@@ -152,12 +154,20 @@ def section(found: Iterable[_Result]) -> str:
         "| published |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    counts = set()
-    for result in found:
-        counts.add(len(result["runs"]))
-        lines.append(_row(result))
     found = list(found)
-    text = _TEXT.format(runs=" or ".join(map(str, sorted(counts))), first=SEEDS[0], end=SEEDS.stop)
+    counts = sorted({len(result["runs"]) for result in found})
+    others = [
+        f"{one['domain']} {one['task']} by `{_program(one)}`"
+        for one in found
+        if one["settings"] is None
+    ]
+    lines += [_row(result) for result in found]
+    text = _TEXT.format(
+        runs=" or ".join(map(str, counts)),
+        others=f", {', '.join(others)}" if others else "",
+        first=SEEDS[0],
+        end=SEEDS.stop,
+    )
     outdated = [f"{one['domain']} {one['task']}" for one in found if is_outdated(one)]
     if outdated:
         told = f"The settings of these tasks have changed since their runs: {', '.join(outdated)}."
@@ -184,10 +194,15 @@ def _row(result: _Result) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def _program(result: _Result) -> str:
+    """The program that trained a task in the place of `limberjack train`."""
+    return next(word for word in result["runs"][0]["command"].split() if word.endswith(".py"))
+
+
 def _known(result: _Result, run: _Result) -> str:
     """The best that a policy can do, where that is known, or else the best that others did."""
     if "optimal" in result:
-        return f"{run['cost'] / result['optimal']:.3f} of the least cost"
+        return f"{run['cost'] / result['optimal']:.3f} of the optimal policy's cost"
     best = published.best(result["domain"], result["task"], _MILLION)
     return "none" if best is None else f"{best.mean:.0f} {best.algorithm}"
 
@@ -221,7 +236,7 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
         _, *lines = csv.reader(file)
     run = {
         "seed": card.seeds[0],
-        "command": f"limberjack train {' '.join(where)} --seed {card.seeds[0]}",
+        "command": _command(folder, card),
         "steps": card.steps,
         "action_repeat": card.action_repeat,
         "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
@@ -241,9 +256,17 @@ def _time_limit(domain: str, task: str) -> float | None:
         return seconds_without_a_limit(environment)
 
 
-def _settings(folder: Path) -> dict[str, object]:
-    """The settings of a run."""
-    return json.loads((folder / "training.json").read_text("utf-8"))["settings"]
+def _command(folder: Path, card: mlp.Card) -> str:
+    """The command of a run, without its folder."""
+    if _settings(folder) is None:
+        return card.command
+    return f"limberjack train {card.title} --seed {card.seeds[0]}"
+
+
+def _settings(folder: Path) -> dict[str, object] | None:
+    """The settings of a run of `limberjack train`; None of one of another program."""
+    file = folder / "training.json"
+    return json.loads(file.read_text("utf-8"))["settings"] if file.exists() else None
 
 
 def _copy(source: Path, target: Path, run: _Result) -> None:
@@ -263,12 +286,16 @@ def _short_lists(text: str) -> str:
 
 def is_outdated(result: _Result) -> bool:
     """Whether the table of settings has other ones than those of a task's runs."""
+    if result["settings"] is None:
+        return False
     now = settings_for(result["domain"], result["task"])
     return _used(result["settings"]) != _used(dataclasses.asdict(now))
 
 
-def _used(settings: Mapping[str, object]) -> str:
+def _used(settings: Mapping[str, object] | None) -> str:
     """The settings of a run as a text; those that did not exist then count with their defaults."""
+    if settings is None:
+        return ""
     return json.dumps({**dataclasses.asdict(Settings()), **settings}, sort_keys=True)
 
 

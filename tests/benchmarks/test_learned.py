@@ -135,6 +135,27 @@ def test_three_runs_are_scored_and_the_median_one_is_bundled(
     assert "pendulum swingup" in learned.section([result])
 
 
+def test_runs_of_another_program_have_its_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
+    for seed, torque in enumerate((0.0, 0.9, 0.3)):
+        folder = tmp_path / f"pendulum-swingup-{seed}"
+        _make_run(folder, seed, torque)
+        (folder / "training.json").unlink()
+        policy = mlp.load(folder / "policy.safetensors")
+        card = dataclasses.replace(policy.card, command=f"python mine/own.py --seed {seed}")
+        mlp.save(folder / "policy.safetensors", policy.layers, card)
+    learned.bundle(tmp_path, tmp_path / "pretrained", tmp_path / "results")
+    (result,) = learned.results(tmp_path / "results")
+    assert [run["command"] for run in result["runs"]] == [
+        f"python mine/own.py --seed {seed}" for seed in range(3)
+    ]
+    assert not learned.is_outdated(result)
+    text = " ".join(learned.section([result]).split())
+    assert "by `limberjack train`, pendulum swingup by `mine/own.py`. The policy" in text
+
+
 def test_runs_that_differ_in_more_than_their_seeds_are_not_bundled(tmp_path: Path) -> None:
     folders = [tmp_path / f"pendulum-swingup-{seed}" for seed in range(3)]
     for seed, folder in enumerate(folders):
@@ -175,7 +196,7 @@ def test_lqr_is_compared_with_the_optimal_policy(
     near, *others = (run["cost"] / result["optimal"] for run in result["runs"])
     assert 1 < near < 1.02  # the springs of one seed are stiffer than those of the other
     assert min(others) > 1.02
-    assert f"| {min(others):.3f} of the least cost |" in learned.section([result])
+    assert f"| {min(others):.3f} of the optimal policy's cost |" in learned.section([result])
 
 
 def _make_run(folder: Path, seed: int, torque: float) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 import limberjack
 from limberjack import data, policies
+from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
 from limberjack.utils.requirements import install_command
 from tests.policies.network_files import write
@@ -27,6 +28,7 @@ _LIMIT = 300  # seconds; Ray takes half a minute to start on a busy machine
 # By name: the packages it needs, the extra that brings them, and what it is asked to do.
 _NEEDS = {
     "batch": ((), ""),
+    "evolution": ((), ""),
     "gymnasium_vector": ((), ""),
     "many_tasks": ((), ""),
     "planner_cost": ((), ""),
@@ -119,6 +121,21 @@ def test_batch() -> None:
     printed = _output("batch", "--steps", "400", "--envs", "4")
     assert re.search(r"^400 steps, \d+ a second, mean reward 0\.\d+$", printed, re.MULTILINE)
     assert re.search(r"^highest head after 4 actions: \d\.\d+ m, row [0-3]$", printed, re.MULTILINE)
+
+
+def test_evolution(tmp_path: Path) -> None:
+    given = ["--task", "lqr_2_1", "--steps", "128000", "--envs", "64", "--out", str(tmp_path)]
+    printed = _output("evolution", *given)
+    returns = [float(one) for one in re.findall(r"return (\d+\.\d\d)$", printed, re.MULTILINE)]
+    assert returns[-1] > returns[0]  # with weights of 0
+    card = mlp.load(tmp_path / "policy.safetensors").card
+    assert (card.title, card.steps, card.seeds) == ("lqr lqr_2_1", 128_000, (0,))
+    first, *lines = (tmp_path / "curve.csv").read_text().splitlines()
+    assert first.startswith("control_steps,agent_steps,processor_seconds,mean,return_1,")
+    assert len(lines) == len(returns)
+    where = "lqr", "lqr_2_1", f"mlp:{tmp_path / 'policy.safetensors'}"
+    played = evaluate(*where, range(2_100_000_000, 2_100_000_010), time_limit=30.0)
+    assert played.summary().mean == pytest.approx(returns[-1], abs=0.01)
 
 
 def test_gymnasium_vector() -> None:
