@@ -258,10 +258,28 @@ def test_the_recipe_that_begins_the_training_page_takes_five_minutes() -> None:
 def test_every_learning_curve_is_of_the_command_that_the_training_page_names(path: Path) -> None:
     result = json.loads(path.read_text(encoding="utf-8"))
     settings = settings_for(result["domain"], result["task"])
+    if result["settings"] is None:  # of another program
+        page = (_DOCS / "training.md").read_text("utf-8")
+        for run in result["runs"]:
+            command, _, seed = run["command"].rpartition(" --seed ")
+            assert seed == str(run["seed"])
+            assert f"\n    {command} --seed 0 --out " in page
+        return
     for run in result["runs"]:
         named = f"limberjack train {result['domain']} {result['task']} --seed {run['seed']}"
         assert run["command"] == named
         assert (run["steps"], run["action_repeat"]) == (settings.steps, settings.action_repeat)
+
+
+def test_the_page_of_training_has_what_evolution_reached() -> None:
+    page = " ".join((_DOCS / "training.md").read_text("utf-8").split())
+    result = json.loads((_RESULTS / "learned" / "lqr-lqr_6_2.json").read_text("utf-8"))
+    runs = result["runs"]
+    first, second, third = (f"{run['cost'] / result['optimal']:.3f}" for run in runs)
+    seconds = sorted(run["curve"][-1][1] for run in runs)
+    assert f"of lqr_6_2 cost {first}, {second} and {third} times as much as the optimal" in page
+    assert f"after {round(runs[0]['steps'] / 1e6)} million control steps" in page
+    assert f"steps: {seconds[0]:.0f} to {seconds[-1]:.0f} seconds of one" in page
 
 
 def test_the_curve_from_pictures_is_the_one_that_was_measured() -> None:
