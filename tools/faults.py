@@ -286,8 +286,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "rl/rows.py": [
         (
-            "(full, 1.0) if part.limits is None",
-            "(full, self._stagger.shares[row]) if part.limits is None",
+            "(limit, 1.0) if part.limits is None",
+            "(limit, self._stagger.shares[row]) if part.limits is None",
+        ),
+        (
+            "        self._set_limit(row, limit)\n        inner = control_of(seeded.environment)\n",
+            "        inner = control_of(seeded.environment)\n",
         ),
         (
             "                if Environment.is_running.of(env) and not begins[row]\n",

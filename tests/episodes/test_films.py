@@ -120,6 +120,14 @@ def test_an_environment_that_is_made_again_is_drawn_with_room_and_colours(
     assert len(made) > 2
 
 
+def test_a_task_that_colours_nothing_is_refused_by_name() -> None:
+    environment = plain_domain.make(0)
+    environment._task = object()
+    make = drawable(lambda seed: environment, 64, 64, visualize_reward=True)
+    with pytest.raises(ValueError, match=r"task object colours nothing; expected .*base\.Task"):
+        make(0)
+
+
 @pytest.mark.parametrize("repeat", [None, 2])
 def test_an_environment_repeats_actions_in_a_film_as_it_does_or_as_asked(
     repeat: int | None, films: list[_Frames], tmp_path: Path

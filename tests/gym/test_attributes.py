@@ -115,16 +115,17 @@ def test_attributes_have_the_form_that_gymnasiums_own_vector_environments_give_t
 
 
 def test_attributes_of_the_environment_are_given_by_row() -> None:
-    envs = _envs(3, ("manipulator", "bring_ball"), randomize={"body_mass": scale(0.5, 2)})
-    singles = [gym.load("manipulator", "bring_ball", randomize={"body_mass": scale(0.5, 2)})] * 3
+    world: Any = {"randomize": {"body_mass": scale(0.5, 2)}, "faults": {"delay": {"actions": 1}}}
+    envs = _envs(3, ("manipulator", "bring_ball"), **world)
+    singles = [gym.load("manipulator", "bring_ball", **world)] * 3
     assert envs.get_attr("is_running") == (False,) * 3
     assert envs.get_attr("success") == (None,) * 3
     assert envs.get_attr("name") == ("manipulator:bring_ball",) * 3
     envs.reset(seed=0)
     envs.step(np.zeros((3, 5)))
     for name in (
-        *("is_running", "pixels", "randomization", "reward_terms", "step_limit"),
-        *("success", "timed_out"),
+        *("action_repeat", "is_running", "pixels", "randomization"),
+        *("reward_terms", "step_limit", "success", "timed_out", "world"),
     ):
         values = envs.get_attr(name)
         for row, single in enumerate(singles):

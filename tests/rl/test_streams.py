@@ -455,6 +455,19 @@ def test_a_restored_episode_ends_at_the_limit_here_if_that_is_earlier(vectorised
 
 
 @pytest.mark.parametrize("vectorised", _KINDS)
+def test_an_episode_is_restored_where_the_present_one_is_shorter(vectorised: bool) -> None:
+    full = _cartpoles(2, vectorised, seed=0)
+    full.reset()
+    full.reset()  # the first episodes only are shorter
+    _future(full, _MOST_STEPS - 1)
+    short = _cartpoles(2, vectorised, seed=0)
+    assert all(first < _MOST_STEPS for first, *_ in _lengths(copy.deepcopy(short)))
+    short.reset()  # which sets the limits
+    short.restore(full.snapshot())
+    assert _future(short) == _future(full)
+
+
+@pytest.mark.parametrize("vectorised", _KINDS)
 def test_a_limit_of_one_step_leaves_nothing_to_draw(vectorised: bool) -> None:
     batch = _cartpoles(2, vectorised, task_kwargs={"time_limit": 0.01})
     assert _lengths(batch, 3) == [[1, 1, 1]] * 2

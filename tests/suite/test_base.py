@@ -158,6 +158,17 @@ def test_the_reward_is_shown_at_the_start_and_after_each_step(reward: float, ble
             np.testing.assert_allclose(colours[name], expected, atol=1e-6)
 
 
+def test_a_model_without_the_coloured_materials_is_refused_by_name() -> None:
+    xml = _XML.replace(' material="self"', "").replace(
+        '<include file="./common/materials.xml"/>', ""
+    )
+    task = Stay()
+    task.visualize_reward = True
+    env = control.Environment(mujoco.Physics.from_xml_string(xml, common.ASSETS), task)
+    with pytest.raises(ValueError, match=r"lacks a material that .*self.*common/materials\.xml"):
+        env.reset()
+
+
 def test_a_start_is_drawn_until_nothing_touches() -> None:
     env = make()
     physics, drawn = env.physics, []

@@ -253,6 +253,8 @@ def drawable(make: Make, height: int, width: int, visualize_reward: bool = False
       make: makes environments with a `control.Environment` inside.
       height, width: pixels; a model's off-screen buffer may be smaller, and is enlarged.
       visualize_reward: colour the bodies by the reward.
+
+    What is made raises ValueError if the task cannot colour them.
     """
     most_height, most_width = _LARGEST
 
@@ -263,10 +265,20 @@ def drawable(make: Make, height: int, width: int, visualize_reward: bool = False
         buffer.offheight = max(buffer.offheight, min(height, most_height))
         buffer.offwidth = max(buffer.offwidth, min(width, most_width))
         if visualize_reward:
-            inner.task.visualize_reward = True
+            _colour(inner.task)
         return environment
 
     return made
+
+
+def _colour(task: object) -> None:
+    """Makes a task colour the bodies by the reward."""
+    if not hasattr(task, "visualize_reward"):
+        raise ValueError(
+            f"visualize_reward is set, but the task {type(task).__name__} colours nothing; "
+            "expected one that inherits from limberjack.suite.base.Task"
+        )
+    task.visualize_reward = True  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class _Stage:

@@ -40,6 +40,7 @@ _COMMON = {
 }
 # Attributes of a `control.Environment` that a vectorised batch has for its rows.
 _OF_BATCH = (
+    "action_repeat",
     "is_running",
     "name",
     "pixels",
@@ -48,6 +49,7 @@ _OF_BATCH = (
     "step_limit",
     "success",
     "timed_out",
+    "world",
 )
 _METHODS = (
     "action_spec",
@@ -244,6 +246,8 @@ def _of_batch(batch: Batch, name: str) -> list[object]:
     if name == "step_limit":
         limit = batch.step_limit
         return [math.ceil(limit) if math.isfinite(limit) else None] * count
+    if name == "world":
+        return [copy.deepcopy(getattr(batch, name)) for _ in range(count)]
     if name in _OF_BATCH:
         return [getattr(batch, name)] * count
     task = _task(batch)

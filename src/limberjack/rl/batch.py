@@ -60,7 +60,11 @@ _LAST = int(dm_env.StepType.LAST)
 
 
 class BatchEnvironment(Batch):
-    """Episodes of a task on a batch of simulations; see the module's docstring."""
+    """Episodes of a task on a batch of simulations; see the module's docstring.
+
+    Attributes:
+      world: the settings by which the rows' worlds differ from the task's own; None if they do not.
+    """
 
     # Shape and dtype of each observation, by name, once they are known.
     _forms: dict[str, tuple[tuple[int, ...], np.dtype]]
@@ -83,7 +87,7 @@ class BatchEnvironment(Batch):
         check_plain(env)
         num_envs = guards.at_least_one("num_envs", num_envs)
         self._randomizer = env._ours.randomizer
-        self._saved_fields, self._world = env._saved_fields(), control.Environment.world.of(env)
+        self._saved_fields, self.world = env._saved_fields(), control.Environment.world.of(env)
         check_episode_fields(env.task)
         check_declared(env.task)
         saved = env.physics.simulation.save(None, self._saved_fields)
@@ -428,7 +432,7 @@ class BatchEnvironment(Batch):
     def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
         parts = self._task, self._replicas.physics, self._saved_fields
-        return origin_of(*parts, pixels, self._world)
+        return origin_of(*parts, pixels, self.world)
 
     def single_action_spec(self) -> specs.BoundedArray:
         """See `Batch`."""

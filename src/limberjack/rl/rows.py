@@ -619,6 +619,12 @@ class RowsEnvironment(Batch):
     def _restore(self, row: int, part: Snapshot) -> None:
         """Continues a row from a snapshot of one environment."""
         seeded = self._rows[row]
+        limit = self._full_limits[row] if self._own_limit is None else self._own_limit
+        if self._stagger is not None:
+            of_part, share = (limit, 1.0) if part.limits is None else part.limits[0]
+            limit, self._stagger.shares[row] = min(of_part, limit), share
+        # Before too: an environment refuses an episode that is longer than its own limit.
+        self._set_limit(row, limit)
         inner = control_of(seeded.environment)
         if isinstance(inner, Environment) and inner is seeded.environment:  # it stays the same
             inner.restore(part)
@@ -633,12 +639,8 @@ class RowsEnvironment(Batch):
         for name, values in observation.items():
             if name in self._observation and self._observation[name][row].shape == values.shape[1:]:
                 self._observation[name][row] = values[0]
-        full = self._full_limits[row] if self._own_limit is None else self._own_limit
-        if self._stagger is not None:
-            limit, share = (full, 1.0) if part.limits is None else part.limits[0]
-            full, self._stagger.shares[row] = min(limit, full), share
         self._set_up(row)
-        self._set_limit(row, full)
+        self._set_limit(row, limit)
         self._steps[row] = part.step_count[0]
         self._begins[row] = part.begins[0]
         self._has_ended[row] = part.begins[0] and not part.resets.any()

@@ -240,7 +240,15 @@ def _show_reward(physics: mujoco.Physics, reward: Quantity) -> None:
     colours = physics.named.model.mat_rgba
     # The power makes differences between high rewards visible.
     blend = np.clip(reward, 0.0, 1.0) ** 4
-    colours[_COLOURED] = blend * colours[_HIGHLIGHTS] + (1.0 - blend) * colours[_DEFAULTS]
+    try:
+        highlights, defaults = colours[_HIGHLIGHTS], colours[_DEFAULTS]
+        colours[_COLOURED] = blend * highlights + (1.0 - blend) * defaults
+    except KeyError as error:
+        raise ValueError(
+            f"visualize_reward is set, but the model lacks a material that shows the reward "
+            f"({error}); expected {', '.join([*_COLOURED, *_DEFAULTS, *_HIGHLIGHTS])}, which "
+            "./common/materials.xml of the suite defines"
+        ) from error
 
 
 def kind_of_start(environment: dm_env.Environment) -> str | None:

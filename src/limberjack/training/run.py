@@ -374,8 +374,6 @@ class _Training:
         state = self._folder.load()
         if state is None:
             return
-        # Twice: first episodes are staggered, and a row refuses the state of a longer one.
-        self._envs.reset()
         self._envs.reset()
         self._envs.vector_env.batches[0].restore(state["rows"])
         self._learner.restore(state["learner"])
