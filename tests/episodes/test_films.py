@@ -122,7 +122,7 @@ def test_an_environment_that_is_made_again_is_drawn_with_room_and_colours(
 
 def test_a_task_that_colours_nothing_is_refused_by_name() -> None:
     environment = plain_domain.make(0)
-    environment._task = object()
+    environment._task = object()  # pyright: ignore[reportAttributeAccessIssue] (colours nothing)
     make = drawable(lambda seed: environment, 64, 64, visualize_reward=True)
     with pytest.raises(ValueError, match=r"task object colours nothing; expected .*base\.Task"):
         make(0)
