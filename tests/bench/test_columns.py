@@ -8,9 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import bench
+from limberjack import bench, policies, suite
 from limberjack.policies import mlp
 
+_WITHOUT_A_POLICY = next(
+    task
+    for task in suite.ALL_TASKS
+    if task not in {(one.domain, one.task) for one in policies.bundled()}
+)
 _FEW: dict[str, Any] = {"num_envs": 4, "seconds": 0.01}
 
 
@@ -50,7 +55,7 @@ def test_without_numbers_powers_of_two_and_all_cores_are_tried(
 
 
 @pytest.mark.parametrize(
-    ("domain", "task", "is_bundled"), [("walker", "walk", True), ("lqr", "lqr_6_2", False)]
+    ("domain", "task", "is_bundled"), [("walker", "walk", True), (*_WITHOUT_A_POLICY, False)]
 )
 def test_the_forward_pass_is_that_of_the_bundled_policy_or_of_a_network(
     domain: str, task: str, is_bundled: bool, monkeypatch: pytest.MonkeyPatch
