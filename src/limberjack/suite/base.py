@@ -245,7 +245,7 @@ def _show_reward(physics: mujoco.Physics, reward: Quantity) -> None:
         colours[_COLOURED] = blend * highlights + (1.0 - blend) * defaults
     except KeyError as error:
         raise ValueError(
-            f"visualize_reward is set, but the model lacks a material that shows the reward "
+            "visualize_reward is set, but the model lacks a material that shows the reward "
             f"({error}); expected {', '.join([*_COLOURED, *_DEFAULTS, *_HIGHLIGHTS])}, which "
             "./common/materials.xml of the suite defines"
         ) from error
