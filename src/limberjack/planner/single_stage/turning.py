@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from limberjack.planner.cost import AnyPhysics, Cost
+from limberjack.planner.optimisers.icem import ICEM
 from limberjack.planner.settings import Settings
 from limberjack.utils import arrays
 
@@ -17,7 +18,16 @@ __all__ = ["FishUpright", "Spin"]
 class Spin(Cost):
     """The missing speed of the body, and the distance of the finger from the body."""
 
-    settings = Settings(horizon=0.8, knots=16, samples=64, gain=2.0, damping=0.05, noise=1.5)
+    # Of tuning seeds 1000 and 1001 spin has 440 and 413 with iCEM, 373 and 367 with MPPI.
+    settings = Settings(
+        horizon=0.8,
+        knots=16,
+        samples=64,
+        gain=2.0,
+        damping=0.05,
+        noise=1.5,
+        optimiser=ICEM(colour=0.0),
+    )
     weights: ClassVar = {"speed": 2.0, "finger": 0.5}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
