@@ -103,6 +103,11 @@ def test_an_allowed_host_that_is_no_name_is_refused(name: str) -> None:
         Access(_LOCAL, [name])
 
 
+def test_one_name_instead_of_a_list_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"expected a list: \['viewer.example.org'\]"):
+        Access(_LOCAL, "viewer.example.org")
+
+
 @pytest.mark.parametrize(
     ("host", "origin"),
     [

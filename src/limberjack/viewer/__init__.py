@@ -87,7 +87,7 @@ def launch(
       ImportError: MuJoCo Studio cannot be imported.
       PolicyError: there is no policy of a name, or it does not fit.
       ValueError: the port is in use, or another argument has a wrong value; nothing is started.
-      TypeError: the environment has no MuJoCo simulation to show.
+      TypeError: the environment has no MuJoCo simulation to show, or `allow_hosts` is no list.
       ViewerError: there is no display for a window, or Studio does not start.
     """
     plans = Plans()

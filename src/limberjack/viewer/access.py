@@ -184,7 +184,10 @@ class Access:
 
         Raises:
           ValueError: one of `allow_hosts` is not a host name.
+          TypeError: it is one name instead of a list.
         """
+        if isinstance(allow_hosts, str):  # whose letters are names too
+            raise TypeError(f"allow_hosts is {allow_hosts!r}; expected a list: [{allow_hosts!r}]")
         self.address = address
         self.token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._allowed = {_checked_name(name) for name in allow_hosts}
