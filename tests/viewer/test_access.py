@@ -248,6 +248,16 @@ def test_a_port_that_another_listens_to_on_all_networks_is_in_use() -> None:
         find_address(port=taken.getsockname()[1])
 
 
+@pytest.mark.parametrize(("platform", "is_shared"), [("linux", True), ("win32", False)])
+def test_a_port_is_not_shared_with_another_program_on_windows(
+    monkeypatch: pytest.MonkeyPatch, platform: str, is_shared: bool
+) -> None:
+    monkeypatch.setattr("sys.platform", platform)
+    with find_address().listen() as made:
+        option = made.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+    assert (option != 0) == is_shared
+
+
 def test_ports_in_use_are_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     with _listening("127.0.0.1") as taken:
         port = taken.getsockname()[1]
