@@ -18,7 +18,7 @@ import numpy as np
 
 from limberjack.rl.action_specs import as_numbers
 from limberjack.rl.control import Environment, shown_by
-from limberjack.see.report.labels import Labels, labels_of
+from limberjack.see.report.labels import MOST_NUMBERS, Labels, labels_of
 
 __all__ = ["Step", "Trace"]
 
@@ -45,11 +45,14 @@ class Trace:
 
     Attributes:
       labels: names and units of the observations and actions; empty until the episode has ended.
+      too_large: numbers of each observation that has too many to be recorded, as a picture, by
+        name.
     """
 
     def __init__(self, environment: Environment) -> None:
         """Begin a trace of the environment's running episode."""
         self.labels = Labels({}, ())
+        self.too_large: dict[str, int] = {}
         self._environment = environment
         self._control_timestep = environment.control_timestep()
         self._stride = 1
@@ -76,7 +79,10 @@ class Trace:
         self._rewards.append(step.reward if step.number else np.nan)
         self._terms.append({name: float(value) for name, value in terms.items()})
         observation = step.time_step.observation
-        self._observations.append({name: np.array(value) for name, value in observation.items()})
+        sizes = {name: np.size(value) for name, value in observation.items()}
+        self.too_large |= {name: size for name, size in sizes.items() if size > MOST_NUMBERS}
+        small = [name for name in sizes if name not in self.too_large]
+        self._observations.append({name: np.array(observation[name]) for name in small})
         self._actions.append(_numbers(step.action))
         self._plans.append(self._plan if step.number else ("", {}))
         if len(self._steps) > _MOST_SAMPLES:
