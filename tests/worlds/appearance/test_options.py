@@ -141,6 +141,8 @@ def test_level_of_nothing_is_zero() -> None:
     [
         (3, "appearance is 3; expected a preset such as 'color_hard', or a mapping"),
         ("color_hrad", "no preset 'color_hrad'. Did you mean 'color_hard'?"),
+        ("", "no preset ''. Choose one of: color_easy, color_hard"),
+        ("=noise", "no preset ''"),
         ("color_hard:0.1", "preset 'color_hard' has no intensity; got '0.1'"),
         ("distracting_cs:0.7", "no intensity '0.7'; expected one of 0.025, 0.05, 0.1"),
         ("distracting_cs", "distracting_cs has no intensity None; expected one of"),

@@ -218,7 +218,7 @@ def _parsed(text: str) -> object:
     preset, _, background = text.partition("=")
     name, _, intensity = preset.partition(":")
     given = {"preset": name, "intensity": intensity, "background": background}
-    return {option: value for option, value in given.items() if value}
+    return {option: value for option, value in given.items() if value or option == "preset"}
 
 
 def _with_preset(given: AppearanceOptions) -> dict[str, object]:
