@@ -76,7 +76,7 @@ def find(kind: str, path: str, count: int | None) -> list[Clip]:
       ValueError: there are none, or the first one cannot be read.
       ImportError: a package to read it with is missing.
     """
-    where = Path(path).expanduser()
+    where = Path(path)
     if kind == "video":
         files = [where] if where.is_file() else _files(where, _VIDEOS)
         clips = [Clip([file], is_video=True) for file in files]
