@@ -1,5 +1,6 @@
 """Pictures of all tasks."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import typer.testing
 from limberjack import gallery, suite
 from limberjack.cli import app
 from limberjack.mujoco.camera import RenderingError
+from tests import plain_domain
 
 _COMMITTED = Path(__file__).parents[1] / "docs" / "images" / "suite.png"
 _MOST_BYTES = 1_000_000  # so that a page with the sheet loads quickly
@@ -77,6 +79,19 @@ def test_the_same_picture_comes_each_time() -> None:
     first, again = (gallery.draw("stacker", "stack_2", 60, 80) for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert first.shape == (60, 80, 3)
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_domain_without_a_camera_is_drawn_by_the_free_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    without = re.sub("<camera.*>", "", plain_domain._MODEL)
+    monkeypatch.setattr(plain_domain, "_MODEL", without)
+    suite.register("plain", plain_domain)
+    try:
+        assert gallery.draw("plain", "push", 60, 80).shape == (60, 80, 3)
+    finally:
+        suite.unregister("plain")
 
 
 def test_progress_is_reported_before_each_picture(

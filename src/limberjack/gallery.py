@@ -16,7 +16,7 @@ import numpy as np
 from limberjack import suite
 from limberjack.mujoco import TextOverlay
 from limberjack.rl.action_specs import bounds_to_try
-from limberjack.see.video import mosaic
+from limberjack.see.video import first_camera, mosaic
 from limberjack.suite import base
 from limberjack.utils import png
 from limberjack.utils.files import open_regular, replacing
@@ -100,8 +100,9 @@ def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> l
     for _ in range(shown.steps):
         environment.step(_ACTION_SCALE * stream.uniform(low, high, spec.shape))
     name = TextOverlay(f"{domain}\n{task}", position="bottom left")
+    camera = shown.camera or first_camera(environment.physics.model)
     pictures = [
-        environment.physics.render(height, width, shown.camera, [name] if label else [])
+        environment.physics.render(height, width, camera, [name] if label else [])
         for height, width, label in sizes
     ]
     environment.close()
