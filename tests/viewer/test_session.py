@@ -479,6 +479,30 @@ def test_an_action_by_hand_acts_until_a_policy_is_chosen() -> None:
     assert session.status().action == ()
 
 
+def test_an_action_by_hand_is_whole_where_actions_are() -> None:
+    environment = _load("swingup", "cartpole")
+    environment.task.action_spec = lambda physics: specs.BoundedArray((1,), int, -1, 1)
+    session = Session(environment, seed=0)
+    session.set_action(np.array([0.7]))
+    action = session._chosen_action()
+    assert (action, getattr(action, "dtype", None)) == (1, int)
+
+
+def test_nested_actions_need_a_policy_and_have_no_sliders() -> None:
+    environment = _load("swingup", "cartpole")
+    environment.task.action_spec = lambda physics: [specs.BoundedArray((1,), float, -1, 1)]
+    environment.task.before_step = lambda action, physics: physics.set_control(action[0])
+    begins = viewer.offered(environment, [lambda time_step: [np.ones(1)]])
+    assert list(begins) == ["policy", "none"]
+    session = Session(environment, seed=0, policies=begins)
+    session.step()
+    assert session.data.ctrl.tolist() == [1.0]
+    assert session.actuators() == ()
+    session.choose("none")
+    assert "needs actions in one bounded array" in session.status().note
+    assert session.status().policy == "policy"
+
+
 def test_weights_of_the_planner_last_over_episodes() -> None:
     plans = viewer.Plans()
     with pytest.raises(ValueError, match="no planner acts"):
