@@ -30,6 +30,7 @@ def test_a_folder_of_pictures_is_one_clip_in_the_order_of_numbers(tmp_path: Path
     for number in (10, 2, 1):
         _picture(tmp_path / f"p{number}.png", number)
     (tmp_path / "notes.txt").write_text("none", encoding="utf-8")
+    (tmp_path / "._p2.png").write_bytes(b"of macOS")
     (clip,) = find("images", str(tmp_path), None)
     assert clip.length == 3
     frames = [clip.frame(number) for number in range(3)]

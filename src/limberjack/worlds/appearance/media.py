@@ -143,10 +143,14 @@ def _between(size: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def _files(folder: Path, endings: Sequence[str]) -> list[Path]:
-    """The files of a folder with these endings, by name; none if it is no folder."""
+    """The files of a folder with these endings, by name; none if it is no folder.
+
+    Hidden ones are no pictures: macOS writes `._1.png` beside `1.png` on other systems' disks.
+    """
     if not folder.is_dir():
         return []
-    found = [one for one in folder.iterdir() if one.suffix.lower() in endings and one.is_file()]
+    names = (one for one in folder.iterdir() if not one.name.startswith("."))
+    found = [one for one in names if one.suffix.lower() in endings and one.is_file()]
     return sorted(found, key=_in_order)
 
 
