@@ -11,7 +11,7 @@ hour takes no more memory than a minute.
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import dm_env
 import numpy as np
@@ -106,14 +106,13 @@ class Trace:
 
     @property
     def terms(self) -> dict[str, np.ndarray]:
-        """The terms of the rewards, (n,) each, by name; NaN for the reset."""
-        return _series(self._terms, self._terms[-1] if self._terms else ())
+        """The terms of the rewards, (n,) each, by name; NaN for the reset and where one lacks."""
+        return _series(self._terms)
 
     @property
     def plan_terms(self) -> dict[str, np.ndarray]:
         """The terms of the plans' cost, (n,) each, by name; NaN in stages without that term."""
-        plans = [terms for _, terms in self._plans]
-        return _series(plans, dict.fromkeys(name for terms in plans for name in terms))
+        return _series([terms for _, terms in self._plans])
 
     @property
     def stages(self) -> list[tuple[float, str]]:
@@ -148,8 +147,9 @@ class Trace:
         return np.array([np.full(size, np.nan) if a is None else a.ravel() for a in actions])
 
 
-def _series(samples: list[dict[str, float]], names: Iterable[str]) -> dict[str, np.ndarray]:
+def _series(samples: list[dict[str, float]]) -> dict[str, np.ndarray]:
     """Values by name over the samples, (n,) each; NaN where a sample lacks the name."""
+    names = dict.fromkeys(name for one in samples for name in one)
     return {name: np.array([one.get(name, np.nan) for one in samples]) for name in names}
 
 
