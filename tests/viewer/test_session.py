@@ -369,6 +369,19 @@ def test_the_next_start_of_a_kind_is_that_of_its_seed() -> None:
         session.begin_kind("nowhere")
 
 
+def test_the_episode_after_a_vain_search_for_a_start_is_the_next_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("limberjack.viewer.session._MOST_STARTS", 3)
+    monkeypatch.setattr(Session, "kinds", ("nowhere",))
+    session = Session(_load("swimmer6", "swimmer"), seed=3)
+    with pytest.raises(ValueError, match="none of 3 starts was of the kind 'nowhere'"):
+        session.begin_kind("nowhere")
+    assert (session.status().episode, session.status().seed) == (2, 6)
+    session.reset()
+    assert (session.status().episode, session.status().seed) == (3, 7)
+
+
 def test_a_policy_is_switched_within_an_episode_and_goes_on_in_the_next() -> None:
     begins = {"none": idle, "random": viewer.begin_with("random")}
     session = Session(_load(), seed=2, policies=begins)

@@ -242,13 +242,14 @@ class Session:
         """
         if kind not in self.kinds:
             raise ValueError(f"no kind of start is {kind!r}; expected one of {self.kinds}")
-        for _ in range(_MOST_STARTS):
-            self._begin_start()
+        self._begin_start()
+        for _ in range(_MOST_STARTS - 1):
             if self._start == kind:
                 break
             self._episodes -= 1
             if self._seed is not None:
                 self._seed += 1
+            self._begin_start()
         self._complete_start()
         if self._start != kind:
             raise ValueError(f"none of {_MOST_STARTS} starts was of the kind {kind!r}")
