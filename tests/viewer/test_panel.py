@@ -38,6 +38,7 @@ class _ImGui:
     TextUnformatted = TextWrapped = SeparatorText = _drawn
 
     def Begin(self, title: str) -> tuple[bool, bool]:
+        assert title  # as Dear ImGui asserts, which ends the process
         self._drawn(title)
         return True, True
 
@@ -90,12 +91,12 @@ class _ImGui:
 class _Shown:
     """A session, its panel, and the person at it."""
 
-    def __init__(self, domain: str, task: str, **arguments: Any) -> None:
+    def __init__(self, domain: str, task: str, title: str = "view", **arguments: Any) -> None:
         environment = suite.load(domain, task, task_kwargs={"random": 0, "time_limit": 1.0})
         begins = {"none": idle, "random": viewer.begin_with("random")}
         self.session = Session(environment, seed=3, policies=begins, clock=lambda: 0.0)
         self.imgui = _ImGui()
-        self.panel = Panel("view", self.session, self._apply, self.imgui, self.imgui, **arguments)  # pyright: ignore[reportArgumentType] (a fake module)
+        self.panel = Panel(title, self.session, self._apply, self.imgui, self.imgui, **arguments)  # pyright: ignore[reportArgumentType] (a fake module)
         self.draw()
 
     def _apply(self, wish: Wish) -> None:
@@ -234,6 +235,10 @@ def test_a_plan_is_drawn_as_shares_of_its_cost_with_its_weights() -> None:
     assert given == [("reach", 2.5)]
     lighter = dataclasses.replace(status, plan=plan._replace(weights={"reach": 0.0}))
     assert "reach 0 (0.0, 20.0)" in shown.draw(lighter, Weights=True)  # the slider's end stays
+
+
+def test_a_panel_without_a_title_has_the_package_s_name() -> None:
+    assert _Shown("swimmer", "swimmer6", title="").draw().startswith("limberjack\n")
 
 
 def test_a_name_of_the_task_or_of_the_plan_is_not_taken_for_another_widget(

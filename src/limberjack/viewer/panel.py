@@ -71,7 +71,8 @@ class Panel:
           weigh: changes the planner's weights, where plans are shown.
           command: returns the command line of a status; None for none.
         """
-        self._title, self._send, self._imgui, self._implot = title, send, imgui, implot
+        self._title = title or "limberjack"  # ImGui ends the process at an empty one
+        self._send, self._imgui, self._implot = send, imgui, implot
         self._weigh, self._command = weigh, command
         self._policies, self._kinds = session.policies, session.kinds
         self._actuators, self._is_seeded = session.actuators(), session.is_seeded
