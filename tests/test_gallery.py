@@ -106,6 +106,15 @@ def test_progress_is_reported_before_each_picture(
     assert reported == expected
 
 
+def test_a_sheet_without_columns_is_refused_before_anything_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gallery, "_draw_sizes", lambda *task: pytest.fail("drawn"))
+    with pytest.raises(ValueError, match="columns is 0; expected at least 1"):
+        gallery.write(tmp_path / "out", columns=0)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_gallery_that_cannot_be_written_is_status_2_after_one_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -67,11 +67,13 @@ def write(
       The files, the sheet last.
 
     Raises:
-      ValueError: a file of such a name is there that is no picture of an earlier call; nothing was
-        written.
+      ValueError: a file of such a name is there that is no picture of an earlier call, or `columns`
+        is less than 1; nothing was written.
       OSError: a file cannot be written.
       RenderingError: OpenGL is not available.
     """
+    if columns < 1:
+        raise ValueError(f"columns is {columns}; expected at least 1")
     for domain, task in suite.tasks():
         _check_replaceable(directory / _name(domain, task))
     _check_replaceable(directory / _SHEET)
