@@ -114,6 +114,15 @@ def test_what_cannot_be_shown_is_refused_in_one_line(
     assert "\n" not in str(raised.value)
 
 
+def test_a_picture_of_too_many_pixels_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _picture(tmp_path / "huge.png", 7)
+    monkeypatch.setattr("PIL.Image.MAX_IMAGE_PIXELS", 1)
+    with pytest.raises(ValueError, match=r"the picture .*huge\.png cannot be read: .* exceeds"):
+        find("images", str(tmp_path), None)
+
+
 def test_a_file_that_has_changed_is_read_again_and_one_that_is_gone_is_named(
     tmp_path: Path,
 ) -> None:

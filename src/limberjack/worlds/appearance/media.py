@@ -164,14 +164,13 @@ def _in_order(path: Path) -> list[object]:
 def _image(version: _Version) -> np.ndarray:
     file = version[0]
     try:
-        from PIL import UnidentifiedImageError
-        from PIL.Image import open as opened
+        from PIL import Image
     except ImportError as error:
         raise missing_extra("video") from error
     try:
-        with opened(file) as image:
+        with Image.open(file) as image:
             frame = np.asarray(image.convert("RGB").resize((SIDE, SIDE)))
-    except (OSError, SyntaxError, UnidentifiedImageError, ValueError) as error:
+    except (Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
         raise ValueError(f"the picture {file} cannot be read: {error}") from error
     return frame
 
