@@ -1,5 +1,6 @@
 """Pictures of all tasks."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import typer.testing
 from limberjack import gallery, suite
 from limberjack.cli import app
 from limberjack.mujoco.camera import RenderingError
+from tests import plain_domain
 
 _COMMITTED = Path(__file__).parents[1] / "docs" / "images" / "suite.png"
 _MOST_BYTES = 1_000_000  # so that a page with the sheet loads quickly
@@ -79,6 +81,19 @@ def test_the_same_picture_comes_each_time() -> None:
     assert first.shape == (60, 80, 3)
 
 
+@pytest.mark.usefixtures("pictures")
+def test_a_domain_without_a_camera_is_drawn_by_the_free_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    without = re.sub("<camera.*>", "", plain_domain._MODEL)
+    monkeypatch.setattr(plain_domain, "_MODEL", without)
+    suite.register("plain", plain_domain)
+    try:
+        assert gallery.draw("plain", "push", 60, 80).shape == (60, 80, 3)
+    finally:
+        suite.unregister("plain")
+
+
 def test_progress_is_reported_before_each_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,6 +104,15 @@ def test_progress_is_reported_before_each_picture(
     count = len(suite.ALL_TASKS)
     expected = [(*task, drawn, count) for drawn, task in enumerate(suite.ALL_TASKS)]
     assert reported == expected
+
+
+def test_a_sheet_without_columns_is_refused_before_anything_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gallery, "_draw_sizes", lambda *task: pytest.fail("drawn"))
+    with pytest.raises(ValueError, match="columns is 0; expected at least 1"):
+        gallery.write(tmp_path / "out", columns=0)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_gallery_that_cannot_be_written_is_status_2_after_one_picture(

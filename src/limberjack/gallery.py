@@ -16,7 +16,7 @@ import numpy as np
 from limberjack import suite
 from limberjack.mujoco import TextOverlay
 from limberjack.rl.action_specs import bounds_to_try
-from limberjack.see.video import mosaic
+from limberjack.see.video import first_camera, mosaic
 from limberjack.suite import base
 from limberjack.utils import png
 from limberjack.utils.files import open_regular, replacing
@@ -67,11 +67,13 @@ def write(
       The files, the sheet last.
 
     Raises:
-      ValueError: a file of such a name is there that is no picture of an earlier call; nothing was
-        written.
+      ValueError: a file of such a name is there that is no picture of an earlier call, or `columns`
+        is less than 1; nothing was written.
       OSError: a file cannot be written.
       RenderingError: OpenGL is not available.
     """
+    if columns < 1:
+        raise ValueError(f"columns is {columns}; expected at least 1")
     for domain, task in suite.tasks():
         _check_replaceable(directory / _name(domain, task))
     _check_replaceable(directory / _SHEET)
@@ -100,8 +102,9 @@ def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> l
     for _ in range(shown.steps):
         environment.step(_ACTION_SCALE * stream.uniform(low, high, spec.shape))
     name = TextOverlay(f"{domain}\n{task}", position="bottom left")
+    camera = shown.camera or first_camera(environment.physics.model)
     pictures = [
-        environment.physics.render(height, width, shown.camera, [name] if label else [])
+        environment.physics.render(height, width, camera, [name] if label else [])
         for height, width, label in sizes
     ]
     environment.close()

@@ -10,6 +10,8 @@ import pytest
 
 from limberjack import bench, policies, suite
 from limberjack.policies import mlp
+from limberjack.rl import control
+from tests import plain_domain
 
 _WITHOUT_A_POLICY = next(
     task
@@ -140,3 +142,14 @@ def test_envpool_steps_beside_the_first_column(monkeypatch: pytest.MonkeyPatch) 
 def test_arguments_that_cannot_be_measured_are_refused(name: str, value: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         bench.measure(**{"domain": "stacker", "task": "stack_2", **_FEW, name: value})
+
+
+def test_without_observations_there_is_no_policy_to_measure() -> None:
+    def make(seed: int) -> control.Environment:
+        environment = plain_domain.make(seed)
+        environment.task.get_observation = lambda physics: {}
+        return environment
+
+    with pytest.raises(ValueError, match=r"observes nothing .* measure the column 'step' alone"):
+        bench.measure(make, num_threads=[1], **_FEW)
+    assert bench.measure(make, num_threads=[1], columns=["step"], **_FEW).rows

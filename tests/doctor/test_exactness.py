@@ -125,3 +125,9 @@ def test_the_packages_bits_are_those_of_this_machine_where_its_kind_is_stored() 
     if Kind.here() not in [run.kind for run in StoredBits.read().runs]:
         pytest.skip(f"no bits are stored for {Kind.here()}, which tools/record_bits.py can add")
     assert result.departures == ()
+
+
+@pytest.mark.parametrize("name", ["walker:wlak", "walker", "plain:push"])
+def test_a_task_that_is_not_stored_is_named(name: str) -> None:
+    with pytest.raises(ValueError, match=f"no bits of '{name}' are stored; expected names"):
+        compare(tasks=["cartpole:balance", name])

@@ -50,7 +50,8 @@ def test_several_frames_are_a_film(frames: Any) -> None:
 
 
 def test_a_generator_of_frames_is_a_film() -> None:
-    shown = limberjack.show(_PICTURE for _ in range(3))
+    rate: Any = np.float32(20)
+    shown = limberjack.show((_PICTURE for _ in range(3)), rate)
     assert 'aria-label="3 rendered frames"' in _html(shown)
 
 

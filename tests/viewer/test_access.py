@@ -103,6 +103,11 @@ def test_an_allowed_host_that_is_no_name_is_refused(name: str) -> None:
         Access(_LOCAL, [name])
 
 
+def test_one_name_instead_of_a_list_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"expected a list: \['viewer.example.org'\]"):
+        Access(_LOCAL, "viewer.example.org")
+
+
 @pytest.mark.parametrize(
     ("host", "origin"),
     [
@@ -241,6 +246,16 @@ def test_a_port_in_use_is_refused_with_one_that_is_free() -> None:
 def test_a_port_that_another_listens_to_on_all_networks_is_in_use() -> None:
     with _listening("0.0.0.0") as taken, pytest.raises(ValueError, match="is in use"):
         find_address(port=taken.getsockname()[1])
+
+
+@pytest.mark.parametrize(("platform", "is_shared"), [("linux", True), ("win32", False)])
+def test_a_port_is_not_shared_with_another_program_on_windows(
+    monkeypatch: pytest.MonkeyPatch, platform: str, is_shared: bool
+) -> None:
+    monkeypatch.setattr("sys.platform", platform)
+    with find_address().listen() as made:
+        option = made.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+    assert (option != 0) == is_shared
 
 
 def test_ports_in_use_are_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:

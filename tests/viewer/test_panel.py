@@ -11,7 +11,7 @@ import pytest
 
 from limberjack import suite, viewer
 from limberjack.viewer.panel import Panel, Wish
-from limberjack.viewer.session import Plan, Session, idle
+from limberjack.viewer.session import Actuator, Plan, Session, idle
 
 
 class _ImGui:
@@ -19,6 +19,7 @@ class _ImGui:
 
     def __init__(self) -> None:
         self.texts: list[str] = []
+        self.labels: list[str] = []  # of the widgets that take input
         self.answers: dict[str, Any] = {}  # by the label of a widget
         self.lines: dict[str, tuple[list[float], list[float]]] = {}
         self.copied = ""
@@ -37,21 +38,26 @@ class _ImGui:
     TextUnformatted = TextWrapped = SeparatorText = _drawn
 
     def Begin(self, title: str) -> tuple[bool, bool]:
+        assert title  # as Dear ImGui asserts, which ends the process
         self._drawn(title)
         return True, True
 
+    def _drawn_widget(self, label: str, text: str) -> None:
+        self.labels.append(label)
+        self._drawn(label.partition("##")[0] + text)
+
     def Button(self, label: str) -> bool:
-        self._drawn(label)
+        self._drawn_widget(label, "")
         return bool(self.answers.pop(label, False))
 
     SmallButton = CollapsingHeader = Button
 
     def Combo(self, label: str, now: int, items: list[str]) -> tuple[bool, int]:
-        self._drawn(f"{label}: {' '.join(items)}")
+        self._drawn_widget(label, f": {' '.join(items)}")
         return label in self.answers, self.answers.pop(label, now)
 
     def SliderFloat(self, label: str, value: float, *limits: object) -> tuple[bool, float]:
-        self._drawn(f"{label} {value:g} {limits}")
+        self._drawn_widget(label, f" {value:g} {limits}")
         return label in self.answers, self.answers.pop(label, value)
 
     def InputDouble(self, label: str, value: float, *how: object) -> tuple[bool, float]:
@@ -85,12 +91,12 @@ class _ImGui:
 class _Shown:
     """A session, its panel, and the person at it."""
 
-    def __init__(self, domain: str, task: str, **arguments: Any) -> None:
+    def __init__(self, domain: str, task: str, title: str = "view", **arguments: Any) -> None:
         environment = suite.load(domain, task, task_kwargs={"random": 0, "time_limit": 1.0})
         begins = {"none": idle, "random": viewer.begin_with("random")}
         self.session = Session(environment, seed=3, policies=begins, clock=lambda: 0.0)
         self.imgui = _ImGui()
-        self.panel = Panel("view", self.session, self._apply, self.imgui, self.imgui, **arguments)  # pyright: ignore[reportArgumentType] (a fake module)
+        self.panel = Panel(title, self.session, self._apply, self.imgui, self.imgui, **arguments)  # pyright: ignore[reportArgumentType] (a fake module)
         self.draw()
 
     def _apply(self, wish: Wish) -> None:
@@ -100,6 +106,7 @@ class _Shown:
         """Draws a frame in which the person does something; returns what was drawn."""
         self.imgui.answers = answers
         self.imgui.texts.clear()
+        self.imgui.labels.clear()
         self.panel.show(status or self.session.status())
         self.panel.draw()
         assert not self.imgui.answers, "a widget was not drawn"
@@ -163,13 +170,14 @@ def test_a_quality_is_chosen(arm: _Shown) -> None:
 
 def test_each_kind_of_start_has_a_button(arm: _Shown) -> None:
     for kind in ("far", "close", "far"):
-        arm.draw(**{kind: True})
+        arm.draw(**{f"{kind}##start": True})
         assert arm.session.status().start == kind
 
 
 def test_sliders_set_the_controls_where_no_policy_acts(arm: _Shown) -> None:
     name = arm.session.actuators()[2].name
-    drawn = arm.draw(Controls=True, **{name: 7.0})  # beyond the slider's end, as typed
+    beyond = 7.0  # the slider's end, as typed
+    drawn = arm.draw(Controls=True, **{f"{name}##control": beyond})
     assert f"{name} 0 (-1.0, 1.0)" in drawn
     assert arm.session.status().action == (0.0, 0.0, 1.0, 0.0, 0.0)
     arm.session.step()
@@ -221,9 +229,27 @@ def test_a_plan_is_drawn_as_shares_of_its_cost_with_its_weights() -> None:
     drawn = shown.draw(status)
     for text in ("Plan", "carry", "0.75 3.000", "0.25 1.000"):
         assert text in drawn
-    drawn = shown.draw(status, Weights=True, reach=2.5)
+    drawn = shown.draw(status, Weights=True, **{"reach##weight": 2.5})
     assert "reach 5 (0.0, 20.0)" in drawn
     assert "grasp 1 (0.0, 4.0)" in drawn
     assert given == [("reach", 2.5)]
     lighter = dataclasses.replace(status, plan=plan._replace(weights={"reach": 0.0}))
     assert "reach 0 (0.0, 20.0)" in shown.draw(lighter, Weights=True)  # the slider's end stays
+
+
+def test_a_panel_without_a_title_has_the_package_s_name() -> None:
+    assert _Shown("swimmer", "swimmer6", title="").draw().startswith("limberjack\n")
+
+
+def test_a_name_of_the_task_or_of_the_plan_is_not_taken_for_another_widget(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    actuators = tuple(Actuator(name, -1.0, 1.0) for name in ("speed", "reach"))
+    monkeypatch.setattr(Session, "actuators", lambda self: actuators)
+    monkeypatch.setattr(Session, "kinds", ("Step", "Reset"))
+    shown = _Shown("swimmer", "swimmer6", weigh=lambda name, value: None)
+    plan = Plan("", {"speed": 1.0, "reach": 1.0})
+    status = dataclasses.replace(shown.session.status(), plan=plan, action=(0.0, 0.0))
+    drawn = shown.draw(status, Controls=True, Weights=True).splitlines()
+    assert {"speed 1 (0.1, 4.0, '%.2f x')", "speed 0 (-1.0, 1.0)", "speed 1 (0.0, 4.0)"} < {*drawn}
+    assert len(set(shown.imgui.labels)) == len(shown.imgui.labels)

@@ -369,6 +369,19 @@ def test_the_next_start_of_a_kind_is_that_of_its_seed() -> None:
         session.begin_kind("nowhere")
 
 
+def test_the_episode_after_a_vain_search_for_a_start_is_the_next_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("limberjack.viewer.session._MOST_STARTS", 3)
+    monkeypatch.setattr(Session, "kinds", ("nowhere",))
+    session = Session(_load("swimmer6", "swimmer"), seed=3)
+    with pytest.raises(ValueError, match="none of 3 starts was of the kind 'nowhere'"):
+        session.begin_kind("nowhere")
+    assert (session.status().episode, session.status().seed) == (2, 6)
+    session.reset()
+    assert (session.status().episode, session.status().seed) == (3, 7)
+
+
 def test_a_policy_is_switched_within_an_episode_and_goes_on_in_the_next() -> None:
     begins = {"none": idle, "random": viewer.begin_with("random")}
     session = Session(_load(), seed=2, policies=begins)
@@ -477,6 +490,30 @@ def test_an_action_by_hand_acts_until_a_policy_is_chosen() -> None:
     session.step()
     assert session.data.ctrl[0] != 0.1
     assert session.status().action == ()
+
+
+def test_an_action_by_hand_is_whole_where_actions_are() -> None:
+    environment = _load("swingup", "cartpole")
+    environment.task.action_spec = lambda physics: specs.BoundedArray((1,), int, -1, 1)
+    session = Session(environment, seed=0)
+    session.set_action(np.array([0.7]))
+    action = session._chosen_action()
+    assert (action, getattr(action, "dtype", None)) == (1, int)
+
+
+def test_nested_actions_need_a_policy_and_have_no_sliders() -> None:
+    environment = _load("swingup", "cartpole")
+    environment.task.action_spec = lambda physics: [specs.BoundedArray((1,), float, -1, 1)]
+    environment.task.before_step = lambda action, physics: physics.set_control(action[0])
+    begins = viewer.offered(environment, [lambda time_step: [np.ones(1)]])
+    assert list(begins) == ["policy", "none"]
+    session = Session(environment, seed=0, policies=begins)
+    session.step()
+    assert session.data.ctrl.tolist() == [1.0]
+    assert session.actuators() == ()
+    session.choose("none")
+    assert "needs actions in one bounded array" in session.status().note
+    assert session.status().policy == "policy"
 
 
 def test_weights_of_the_planner_last_over_episodes() -> None:

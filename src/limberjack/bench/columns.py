@@ -351,6 +351,10 @@ def _policy(
     for one in bundled():
         if (one.domain, one.task) == (facts.get("domain"), facts.get("task")):
             return mlp.load(one.path)
+    if not num_observations:
+        raise ValueError(
+            "the task observes nothing that a policy could act on: measure the column 'step' alone"
+        )
     low, high = (bound[0].ravel() for bound in bounds_to_try(spec))
     sizes = [num_observations, *Settings.actor, len(low)]
     random = np.random.RandomState(SEED)

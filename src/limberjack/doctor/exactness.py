@@ -23,6 +23,7 @@ from limberjack import suite
 from limberjack.doctor.stored_bits import KEPT, Field, Kind, Run, StoredBits, field_of
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Amount", "Comparison", "Departure", "Played", "compare", "departure", "played"]
 
@@ -109,11 +110,21 @@ def compare(
       stored: the package's by default.
       tasks: names such as 'walker:walk'; by default all that are stored, which are the suite's.
       on_progress: called before each task.
+
+    Raises:
+      ValueError: one of the tasks is not stored.
     """
     stored = StoredBits.read() if stored is None else stored
     here = Kind.here()
     results: dict[str, Played] = {}
-    names = list(stored.runs[0].tasks) if tasks is None else tasks
+    known = stored.runs[0].tasks
+    names = list(known) if tasks is None else tasks
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"no bits of {name!r} are stored; expected names of the suite's tasks, such as "
+                f"'walker:walk'.{did_you_mean(name, known)}"
+            )
     for number, name in enumerate(names):
         on_progress(name, number, len(names))
         results[name] = played(*name.split(":"))

@@ -114,7 +114,7 @@ class Writer:
         self._partial: Partial | None = None
         self._lossless: Partial | None = None  # of a GIF's frames
         self._shape = height, width, 3
-        self._frame_rate = fractions.Fraction(frame_rate).limit_denominator(1000)
+        self._frame_rate = fractions.Fraction(float(frame_rate)).limit_denominator(1000)
         self._encoder: subprocess.Popen[bytes] | None = None
         # A file, because a full pipe would block the encoder.
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `discard`)

@@ -13,6 +13,8 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from dm_env import specs
+
 from limberjack import policies
 from limberjack.policies.built_in import PLANNER
 from limberjack.rl.builds import takes_a_seed
@@ -87,7 +89,7 @@ def launch(
       ImportError: MuJoCo Studio cannot be imported.
       PolicyError: there is no policy of a name, or it does not fit.
       ValueError: the port is in use, or another argument has a wrong value; nothing is started.
-      TypeError: the environment has no MuJoCo simulation to show.
+      TypeError: the environment has no MuJoCo simulation to show, or `allow_hosts` is no list.
       ViewerError: there is no display for a window, or Studio does not start.
     """
     plans = Plans()
@@ -207,14 +209,16 @@ def offered(
     """
     found: dict[str, Begin] = {}
     functions = 0
-    for one in [*given, NO_POLICY, *policies.BUILT_IN]:
+    spec = getattr(environment, "action_spec", lambda: None)()
+    is_plain = isinstance(spec, specs.BoundedArray)  # as the built-in ones need it
+    for one in [*given, NO_POLICY, *(policies.BUILT_IN if is_plain else ())]:
         if not isinstance(one, str):
             functions += 1
             found["policy" if functions == 1 else f"policy {functions}"] = begin_with(one)
         elif one not in found:
             try:
                 found[one] = _begin_of(one, environment, plans)
-            except policies.PolicyError:
+            except (policies.PolicyError, ValueError):  # the latter of its actions
                 if one in given:
                     raise
     return found

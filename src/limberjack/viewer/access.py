@@ -23,6 +23,7 @@ import ipaddress
 import re
 import secrets
 import socket
+import sys
 import urllib.parse
 from collections.abc import Sequence
 
@@ -151,7 +152,8 @@ def _listening(host: str, port: int) -> socket.socket:
 
 def _socket(host: str) -> socket.socket:
     made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if sys.platform != "win32":  # where two programs could then listen on one port
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     if host == "::":  # all networks, those of IPv4 too
         made.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
     return made
@@ -184,7 +186,10 @@ class Access:
 
         Raises:
           ValueError: one of `allow_hosts` is not a host name.
+          TypeError: it is one name instead of a list.
         """
+        if isinstance(allow_hosts, str):  # whose letters are names too
+            raise TypeError(f"allow_hosts is {allow_hosts!r}; expected a list: [{allow_hosts!r}]")
         self.address = address
         self.token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._allowed = {_checked_name(name) for name in allow_hosts}

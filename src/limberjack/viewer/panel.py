@@ -7,6 +7,9 @@
 A wish is a function of the session, which `send` lets the thread that steps it call. The panel
 itself reads nothing of the session but what never changes. It imports no ImGui: it is given that of
 MuJoCo Studio, which draws in the browser of the person in control, and that of its charts.
+
+ImGui tells widgets apart by their labels, of which it shows the part before "##": names of a task
+or a planner get an ending, so that a term called speed does not move the slider of the speed.
 """
 
 import collections
@@ -68,7 +71,8 @@ class Panel:
           weigh: changes the planner's weights, where plans are shown.
           command: returns the command line of a status; None for none.
         """
-        self._title, self._send, self._imgui, self._implot = title, send, imgui, implot
+        self._title = title or "limberjack"  # ImGui ends the process at an empty one
+        self._send, self._imgui, self._implot = send, imgui, implot
         self._weigh, self._command = weigh, command
         self._policies, self._kinds = session.policies, session.kinds
         self._actuators, self._is_seeded = session.actuators(), session.is_seeded
@@ -159,7 +163,7 @@ class Panel:
         for number, kind in enumerate(self._kinds):
             if number:
                 imgui.SameLine()
-            if imgui.SmallButton(kind):
+            if imgui.SmallButton(f"{kind}##start"):
                 self._send(lambda session, kind=kind: session.begin_kind(kind))
             imgui.SetItemTooltip("The next start of this kind")
         quality = self._choose("quality", QUALITIES, status.quality)
@@ -222,7 +226,8 @@ class Panel:
                 self._send(lambda session: session.set_action(values))
 
     def _slide(self, actuator: Actuator, value: float) -> tuple[bool, float]:
-        return self._imgui.SliderFloat(actuator.name, value, actuator.low, actuator.high)
+        label = f"{actuator.name}##control"
+        return self._imgui.SliderFloat(label, value, actuator.low, actuator.high)
 
     def _draw_plan(self, plan: Plan) -> None:
         """The stage, each term's share of the cost, and its weight."""
@@ -242,7 +247,8 @@ class Panel:
         for name in terms:
             weight = weights.get(name, 1.0)
             before = self._weights.setdefault(name, weight) or 1.0
-            changed, value = self._imgui.SliderFloat(name, weight, 0.0, _HEAVIEST * before)
+            label, most = f"{name}##weight", _HEAVIEST * before
+            changed, value = self._imgui.SliderFloat(label, weight, 0.0, most)
             if changed:
                 self._send(lambda session, name=name, value=value: weigh(name, max(0.0, value)))
 

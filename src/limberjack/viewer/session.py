@@ -19,6 +19,7 @@ from typing import NamedTuple
 import dm_env
 import mujoco
 import numpy as np
+from dm_env import specs
 
 from limberjack.policies import PolicyError
 from limberjack.rl.action_specs import bounds_to_try
@@ -97,8 +98,17 @@ class Status:
 
 
 def idle(environment: Environment, seed: int) -> Act:
-    """Acts with the middle of the actions' bounds; infinite ones are replaced, as for sliders."""
+    """Acts with the middle of the actions' bounds; infinite ones are replaced, as for sliders.
+
+    Raises:
+      PolicyError: actions are not one bounded array.
+    """
     spec = environment.action_spec()
+    if not isinstance(spec, specs.BoundedArray):
+        raise PolicyError(
+            f"the policy {NO_POLICY!r} needs actions in one bounded array, and action_spec is "
+            f"{spec!r}: give a policy"
+        )
     low, high = bounds_to_try(spec)
     action = np.clip(0.5 * (low + high), spec.minimum, spec.maximum).astype(spec.dtype)
     return lambda time_step: action.copy()
@@ -232,13 +242,14 @@ class Session:
         """
         if kind not in self.kinds:
             raise ValueError(f"no kind of start is {kind!r}; expected one of {self.kinds}")
-        for _ in range(_MOST_STARTS):
-            self._begin_start()
+        self._begin_start()
+        for _ in range(_MOST_STARTS - 1):
             if self._start == kind:
                 break
             self._episodes -= 1
             if self._seed is not None:
                 self._seed += 1
+            self._begin_start()
         self._complete_start()
         if self._start != kind:
             raise ValueError(f"none of {_MOST_STARTS} starts was of the kind {kind!r}")
@@ -264,16 +275,17 @@ class Session:
             self._note = str(error)
 
     def set_action(self, action: np.ndarray) -> None:
-        """Acts with this action where no policy does.
+        """Acts with this action, rounded where actions are whole, where no policy does.
 
         Raises:
           ValueError: it has another shape than the actions, or is not finite.
         """
         action = np.array(action, float)
-        shape = self._environment.action_spec().shape
-        if action.shape != shape or not np.isfinite(action).all():
-            raise ValueError(f"action is {action.tolist()}; expected finite numbers, {shape}")
-        self._action = action
+        spec = self._environment.action_spec()
+        if action.shape != spec.shape or not np.isfinite(action).all():
+            raise ValueError(f"action is {action.tolist()}; expected finite numbers, {spec.shape}")
+        is_whole = spec.dtype.kind in "iu"
+        self._action = (np.rint(action) if is_whole else action).astype(spec.dtype)
 
     def pause(self, paused: bool = True) -> None:
         """Stops the clock, or continues it."""
@@ -328,7 +340,7 @@ class Session:
     def actuators(self) -> tuple[Actuator, ...]:
         """The elements of an action; empty where it is no vector."""
         spec = self._environment.action_spec()
-        if len(spec.shape) != 1:
+        if not isinstance(spec, specs.BoundedArray) or len(spec.shape) != 1:
             return ()
         low, high = bounds_to_try(spec)
         model = self.model

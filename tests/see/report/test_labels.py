@@ -178,6 +178,23 @@ def test_numbers_that_depend_on_no_single_object_keep_their_index() -> None:
     assert _texts(env) == {"mixed": ["0", "abdomen_y [rad]"]}
 
 
+class _Looking(base.Task):
+    looks = 0
+
+    def get_observation(self, physics: Any) -> Any:
+        _Looking.looks += 1
+        eye = np.full((84, 84, 3), physics.position()[0])
+        return {"eye": eye, "energy": physics.velocity() ** 2, "angle": physics.position()}
+
+
+def test_a_picture_has_no_labels_and_is_not_drawn_for_each_number_of_the_state() -> None:
+    env = control.Environment(suite.load("pendulum", "swingup").physics, _Looking(random=0))
+    env.reset()
+    _Looking.looks = 0
+    assert _texts(env) == {"angle": ["hinge [rad]"]}
+    assert _Looking.looks <= 3
+
+
 def test_a_task_that_cannot_observe_the_copy_has_no_labels() -> None:
     physics = mujoco.Physics.from_xml_string(plain_domain._MODEL)
     offsets = {id(physics): 1.0}  # which has none of a copy

@@ -174,6 +174,14 @@ def test_a_page_without_labels_numbers_its_lines(
     assert names.count("2") == 6  # of the observations with more than two numbers, and the action
 
 
+def test_the_page_says_which_observations_are_too_large_for_a_chart(tmp_path: Path) -> None:
+    episode, trace = _traced("cartpole", "swingup", 0.1)
+    trace.too_large["<eye>"] = 21168
+    path = tmp_path / "report.html"
+    report.write_page(path, as_result(_RUN, [episode], "abc"), [episode], trace, None)
+    assert "&lt;eye&gt;, 21,168 numbers, is too large for a chart" in path.read_text("utf-8")
+
+
 def test_the_page_shows_the_command_as_typed_and_explains_the_fingerprint(tmp_path: Path) -> None:
     text = _page(tmp_path / "report.html")
     assert f"<dt>Command</dt><dd><code>{html.escape(_COMMAND)}</code></dd>" in text

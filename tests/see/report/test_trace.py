@@ -65,6 +65,28 @@ def test_actions_that_are_no_arrays_are_not_traced() -> None:
     assert trace.actions.shape == (2, 0)
 
 
+def test_a_term_that_the_last_step_lacks_is_traced(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = suite.load("cartpole", "swingup", {"random": 3, "time_limit": 0.03})
+    trace = report.Trace(env)
+    early = iter([{"upright": 1.0, "early": 0.5}, {"upright": 1.0}, {"upright": 1.0}])
+    monkeypatch.setattr(trace_module, "shown_by", lambda *arguments: next(early))
+    run_episode(env, policies.random, 3, trace.add)
+    np.testing.assert_array_equal(trace.terms["early"], [np.nan, 0.5, np.nan, np.nan])
+
+
+def test_a_picture_is_not_traced_but_named_with_its_size() -> None:
+    env = suite.load("cartpole", "swingup", {"random": 3, "time_limit": 0.05})
+    observe = env.task.get_observation
+    env.task.get_observation = lambda physics: {
+        **observe(physics),
+        "pixels": np.zeros((84, 84, 3), np.uint8),
+    }
+    trace = report.Trace(env)
+    run_episode(env, policies.random, 3, trace.add)
+    assert list(trace.observations) == ["position", "velocity"]
+    assert trace.too_large == {"pixels": 84 * 84 * 3}
+
+
 def test_labels_are_known_when_the_episode_has_ended() -> None:
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.05})
     trace = report.Trace(env)

@@ -1,6 +1,7 @@
 """Tests of limberjack.worlds.appearance.colors."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_array_equal
 
 from limberjack.worlds.appearance.colors import (
@@ -76,6 +77,15 @@ def test_a_floor_gets_two_colours_and_keeps_its_edge() -> None:
     assert_array_equal(painted[5, 2], [0, 0, 255])
     assert (painted[0] == 200).all()
     assert (painted[:, -1] == 200).all()
+
+
+@pytest.mark.parametrize("side", [1, 2, 3])
+def test_a_small_checkerboard_is_repainted_without_an_edge(side: int) -> None:
+    board = np.full((side, side, 3), 50, np.uint8)
+    board[0, side - 1] = board[side - 1, 0] = 200
+    painted = repainted_floor(board, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    assert_array_equal(painted[0, side - 1], [0, 0, 255])
+    assert_array_equal((painted == [255, 0, 0]).all(axis=-1), (board == 50).all(axis=-1))
 
 
 def test_a_sky_gets_another_colour_and_keeps_its_stars() -> None:

@@ -306,6 +306,7 @@ def test_every_loader_takes_an_appearance(vectorised: bool | None) -> None:
     ("appearance", "error", "message"),
     [
         ({"background": "images:/nowhere"}, ValueError, "images:/nowhere, which does not exist"),
+        ({"background": "images:~nobody-here/x"}, ValueError, "here/x, which does not exist"),
         ("color_hrad", ValueError, "Did you mean 'color_hard'"),
         ({"colour": 1}, TypeError, "no option 'colour'. Did you mean 'colors'"),
     ],

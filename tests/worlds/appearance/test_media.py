@@ -30,6 +30,7 @@ def test_a_folder_of_pictures_is_one_clip_in_the_order_of_numbers(tmp_path: Path
     for number in (10, 2, 1):
         _picture(tmp_path / f"p{number}.png", number)
     (tmp_path / "notes.txt").write_text("none", encoding="utf-8")
+    (tmp_path / "._p2.png").write_bytes(b"of macOS")
     (clip,) = find("images", str(tmp_path), None)
     assert clip.length == 3
     frames = [clip.frame(number) for number in range(3)]
@@ -111,6 +112,15 @@ def test_what_cannot_be_shown_is_refused_in_one_line(
     with pytest.raises(ValueError, match=message) as raised:
         find(kind, str(path), None)
     assert "\n" not in str(raised.value)
+
+
+def test_a_picture_of_too_many_pixels_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _picture(tmp_path / "huge.png", 7)
+    monkeypatch.setattr("PIL.Image.MAX_IMAGE_PIXELS", 1)
+    with pytest.raises(ValueError, match=r"the picture .*huge\.png cannot be read: .* exceeds"):
+        find("images", str(tmp_path), None)
 
 
 def test_a_file_that_has_changed_is_read_again_and_one_that_is_gone_is_named(

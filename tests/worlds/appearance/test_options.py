@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack.worlds.appearance.options import INTENSITIES, PRESETS, Appearance, level
@@ -105,6 +106,7 @@ def test_options_given_beside_a_preset_replace_its_own() -> None:
     "given",
     [
         {"background": "noise", "colors": "hard", "dynamic": ["colors"], "interval": 3},
+        {"background": "noise", "clips": np.int64(2), "interval": np.int64(2)},
         {"preset": "distracting_cs", "intensity": 0.2, "background": "video:films"},
         {"preset": "video_hard", "background": "noise"},
         "rotate_shift_hard",
@@ -139,6 +141,8 @@ def test_level_of_nothing_is_zero() -> None:
     [
         (3, "appearance is 3; expected a preset such as 'color_hard', or a mapping"),
         ("color_hrad", "no preset 'color_hrad'. Did you mean 'color_hard'?"),
+        ("", "no preset ''. Choose one of: color_easy, color_hard"),
+        ("=noise", "no preset ''"),
         ("color_hard:0.1", "preset 'color_hard' has no intensity; got '0.1'"),
         ("distracting_cs:0.7", "no intensity '0.7'; expected one of 0.025, 0.05, 0.1"),
         ("distracting_cs", "distracting_cs has no intensity None; expected one of"),
@@ -152,6 +156,7 @@ def test_level_of_nothing_is_zero() -> None:
         ({"camera": float("nan")}, "camera is nan"),
         ({"rotate": 200}, "rotate is 200; expected .* a number from 0 to 180"),
         ({"shift": -1}, "shift is -1; expected .* a number of at least 0"),
+        ({"shift": float("inf")}, "shift is inf; expected .* a number of at least 0"),
         ({"floor": 2}, "floor is 2; expected a number from 0 to 1"),
         ({"background": "nois"}, "background is 'nois'; expected .* Did you mean 'noise'?"),
         ({"background": "images:"}, "background is 'images:'"),

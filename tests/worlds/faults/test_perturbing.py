@@ -136,6 +136,12 @@ def test_a_perturbation_that_changes_nothing_is_refused() -> None:
         Perturber.of(Perturbation("length"), _PARAMETERS, "Task", _Idle)
 
 
+def test_a_range_without_a_valid_model_is_named() -> None:
+    faults = {"perturbation": {"parameter": "thigh_length", "lowest": -1.0}}
+    with pytest.raises(ValueError, match=r"^thigh_length from -1\.0 to \S+ gives no .*right_thigh"):
+        suite.load("walker", "walk", faults=faults)
+
+
 # In environments.
 
 

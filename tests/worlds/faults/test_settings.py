@@ -1,11 +1,12 @@
 """Faults as settings: presets, mappings, and what is refused."""
 
 import json
+import math
 from typing import Any
 
 import pytest
 
-from limberjack.worlds.faults.settings import PRESETS, Fault, Faults, Perturbation
+from limberjack.worlds.faults.settings import PRESETS, Delay, Fault, Faults, Noise, Perturbation
 
 
 @pytest.mark.parametrize(
@@ -87,4 +88,18 @@ def test_what_does_not_exist_is_refused_by_name(
     given: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
+        Faults.of(given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (Faults(dummies=-2), r"faults\['dummies'\] is -2; expected a whole number, 0 or more"),
+        (Faults(delay=Delay(observations=-1)), r"faults\['delay'\]\['observations'\] is -1"),
+        (Faults(noise=Noise(observations=math.nan)), r"\['observations'\] is nan; expected"),
+        (Faults(perturbation=Perturbation(period=0)), r"\['period'\] is 0; expected .*, 1 or more"),
+    ],
+)
+def test_settings_made_by_hand_are_checked_too(given: Faults, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         Faults.of(given)

@@ -13,6 +13,7 @@ distinct random one, and the task observes that copy: a number of the observatio
 them, or its sine, cosine or log1p, has its name and unit. A number that is computed from several is
 named after the body, joint or sensor that it alone depends on, and what remains has its index. Both
 have the unit that `OBSERVATIONS` of the task's module declares for all numbers of the observation.
+An observation of more than a thousand numbers, such as a picture, has no labels.
 """
 
 import copy
@@ -31,7 +32,9 @@ from limberjack.suite.base import Observed
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-__all__ = ["Label", "Labels", "controls", "fields_of", "labels_of"]
+__all__ = ["MOST_NUMBERS", "Label", "Labels", "controls", "fields_of", "labels_of"]
+
+MOST_NUMBERS = 1000  # of an observation that has labels and a chart; a picture has more
 
 _Joint, _Sensor, _Transmission = mujoco.mjtJoint, mujoco.mjtSensor, mujoco.mjtTrn
 
@@ -254,7 +257,8 @@ class _Probe:
         values, units = self._observe(), self._units()
         found = {name: self._matching(value) for name, value in values.items()}
         has_all = all(label is not None for labels in found.values() for label in labels)
-        if not has_all and sum(map(len, self._arrays.values())) <= _MOST_ROWS:
+        is_quick = values.keys() == units.keys()  # a picture is drawn again for each row
+        if not has_all and is_quick and sum(map(len, self._arrays.values())) <= _MOST_ROWS:
             for name, derived in self._derived(values, units).items():
                 pairs = zip(found[name], derived, strict=True)
                 found[name] = [label or other for label, other in pairs]
@@ -269,7 +273,11 @@ class _Probe:
             observation = self._task.get_observation(self._physics)
             if self._is_flat:
                 observation = flatten_observation(observation)
-        return {name: np.array(value, float).ravel() for name, value in observation.items()}
+        return {
+            name: np.array(value, float).ravel()
+            for name, value in observation.items()
+            if np.size(value) <= MOST_NUMBERS
+        }
 
     def _matching(self, values: np.ndarray) -> list[Label | None]:
         """The labels of numbers that are those of a field, or a function of one."""

@@ -143,6 +143,9 @@ def _observation_charts(trace: Trace) -> Iterator[str]:
         if values.shape[1]:
             labels = trace.labels.observations.get(name, ())
             yield _labelled_chart(name, trace.seconds, values, labels)
+    for name, size in trace.too_large.items():
+        text = f"{name}, {size:,} numbers, is too large for a chart"
+        yield parts.card(f'<p class="quiet">{html.escape(text)}</p>\n')
 
 
 def _action_charts(trace: Trace) -> Iterator[str]:

@@ -11,14 +11,14 @@ hour takes no more memory than a minute.
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import dm_env
 import numpy as np
 
 from limberjack.rl.action_specs import as_numbers
 from limberjack.rl.control import Environment, shown_by
-from limberjack.see.report.labels import Labels, labels_of
+from limberjack.see.report.labels import MOST_NUMBERS, Labels, labels_of
 
 __all__ = ["Step", "Trace"]
 
@@ -45,11 +45,14 @@ class Trace:
 
     Attributes:
       labels: names and units of the observations and actions; empty until the episode has ended.
+      too_large: numbers of each observation that has too many to be recorded, as a picture, by
+        name.
     """
 
     def __init__(self, environment: Environment) -> None:
         """Begin a trace of the environment's running episode."""
         self.labels = Labels({}, ())
+        self.too_large: dict[str, int] = {}
         self._environment = environment
         self._control_timestep = environment.control_timestep()
         self._stride = 1
@@ -76,7 +79,10 @@ class Trace:
         self._rewards.append(step.reward if step.number else np.nan)
         self._terms.append({name: float(value) for name, value in terms.items()})
         observation = step.time_step.observation
-        self._observations.append({name: np.array(value) for name, value in observation.items()})
+        sizes = {name: np.size(value) for name, value in observation.items()}
+        self.too_large |= {name: size for name, size in sizes.items() if size > MOST_NUMBERS}
+        small = [name for name in sizes if name not in self.too_large]
+        self._observations.append({name: np.array(observation[name]) for name in small})
         self._actions.append(_numbers(step.action))
         self._plans.append(self._plan if step.number else ("", {}))
         if len(self._steps) > _MOST_SAMPLES:
@@ -100,14 +106,13 @@ class Trace:
 
     @property
     def terms(self) -> dict[str, np.ndarray]:
-        """The terms of the rewards, (n,) each, by name; NaN for the reset."""
-        return _series(self._terms, self._terms[-1] if self._terms else ())
+        """The terms of the rewards, (n,) each, by name; NaN for the reset and where one lacks."""
+        return _series(self._terms)
 
     @property
     def plan_terms(self) -> dict[str, np.ndarray]:
         """The terms of the plans' cost, (n,) each, by name; NaN in stages without that term."""
-        plans = [terms for _, terms in self._plans]
-        return _series(plans, dict.fromkeys(name for terms in plans for name in terms))
+        return _series([terms for _, terms in self._plans])
 
     @property
     def stages(self) -> list[tuple[float, str]]:
@@ -142,8 +147,9 @@ class Trace:
         return np.array([np.full(size, np.nan) if a is None else a.ravel() for a in actions])
 
 
-def _series(samples: list[dict[str, float]], names: Iterable[str]) -> dict[str, np.ndarray]:
+def _series(samples: list[dict[str, float]]) -> dict[str, np.ndarray]:
     """Values by name over the samples, (n,) each; NaN where a sample lacks the name."""
+    names = dict.fromkeys(name for one in samples for name in one)
     return {name: np.array([one.get(name, np.nan) for one in samples]) for name in names}
 
 

@@ -72,12 +72,18 @@ def palette(stream: np.random.RandomState, deviation: float) -> Palette:
 
 
 def repainted_floor(texture: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """A checkerboard of four fields, (h, w, 3) uint8, in two other colours; its edge remains."""
+    """A checkerboard of four fields, (h, w, 3) uint8, in two other colours.
+
+    Its edge remains, which a texture of fewer than four pixels in a row has not.
+    """
     height, width = texture.shape[:2]
     row, column = height // 4, width // 4
+    other = min(width - column, width - 1)
+    edge = int(min(height, width) >= 4)
     painted = texture.copy()
-    inside, source = painted[1:-1, 1:-1], texture[1:-1, 1:-1]
-    for old, new in ((texture[row, column], first), (texture[row, width - column], second)):
+    within = np.s_[edge : height - edge, edge : width - edge]
+    inside, source = painted[within], texture[within]
+    for old, new in ((texture[row, column], first), (texture[row, other], second)):
         inside[(source == old).all(axis=-1)] = _channels(new)
     return painted
 

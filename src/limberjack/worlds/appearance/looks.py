@@ -51,7 +51,7 @@ class Looks:
         """
         kind, path = options.source
         if path:  # now, since a program may change its working directory
-            path = os.path.abspath(Path(path).expanduser())
+            path = os.path.abspath(os.path.expanduser(path))
             options = dataclasses.replace(options, background=f"{kind}:{path}")
         self.options = options
         try:

@@ -76,7 +76,7 @@ def find(kind: str, path: str, count: int | None) -> list[Clip]:
       ValueError: there are none, or the first one cannot be read.
       ImportError: a package to read it with is missing.
     """
-    where = Path(path).expanduser()
+    where = Path(path)
     if kind == "video":
         files = [where] if where.is_file() else _files(where, _VIDEOS)
         clips = [Clip([file], is_video=True) for file in files]
@@ -143,10 +143,14 @@ def _between(size: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def _files(folder: Path, endings: Sequence[str]) -> list[Path]:
-    """The files of a folder with these endings, by name; none if it is no folder."""
+    """The files of a folder with these endings, by name; none if it is no folder.
+
+    Hidden ones are no pictures: macOS writes `._1.png` beside `1.png` on other systems' disks.
+    """
     if not folder.is_dir():
         return []
-    found = [one for one in folder.iterdir() if one.suffix.lower() in endings and one.is_file()]
+    names = (one for one in folder.iterdir() if not one.name.startswith("."))
+    found = [one for one in names if one.suffix.lower() in endings and one.is_file()]
     return sorted(found, key=_in_order)
 
 
@@ -160,14 +164,13 @@ def _in_order(path: Path) -> list[object]:
 def _image(version: _Version) -> np.ndarray:
     file = version[0]
     try:
-        from PIL import UnidentifiedImageError
-        from PIL.Image import open as opened
+        from PIL import Image
     except ImportError as error:
         raise missing_extra("video") from error
     try:
-        with opened(file) as image:
+        with Image.open(file) as image:
             frame = np.asarray(image.convert("RGB").resize((SIDE, SIDE)))
-    except (OSError, SyntaxError, UnidentifiedImageError, ValueError) as error:
+    except (Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
         raise ValueError(f"the picture {file} cannot be read: {error}") from error
     return frame
 

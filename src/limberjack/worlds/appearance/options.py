@@ -142,6 +142,7 @@ class Appearance:
             raise TypeError(f"appearance's interval is {self.interval!r}; expected control steps")
         if self.interval < 1:
             raise ValueError(f"appearance's interval is {self.interval}; expected at least 1")
+        put(self, "interval", int(self.interval))  # one of NumPy's is no value of JSON
 
     @classmethod
     def of(cls, given: "AppearanceOptions | str | Appearance") -> Self:
@@ -217,7 +218,7 @@ def _parsed(text: str) -> object:
     preset, _, background = text.partition("=")
     name, _, intensity = preset.partition(":")
     given = {"preset": name, "intensity": intensity, "background": background}
-    return {option: value for option, value in given.items() if value}
+    return {option: value for option, value in given.items() if value or option == "preset"}
 
 
 def _with_preset(given: AppearanceOptions) -> dict[str, object]:
@@ -291,8 +292,9 @@ def _bounded(name: str, value: object, names: Mapping[str, float], most: float) 
     if isinstance(value, str) and value in names:
         return names[value]
     is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-    if is_number and 0.0 <= float(cast(float, value)) <= most:
-        return float(cast(float, value))
+    number = float(cast(float, value)) if is_number else math.nan
+    if 0.0 <= number <= most and number < math.inf:
+        return number
     bound = f"from 0 to {most:g}" if math.isfinite(most) else "of at least 0"
     named = f"{', '.join(map(repr, names))}, or " if names else ""
     raise ValueError(

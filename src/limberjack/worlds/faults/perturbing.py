@@ -86,11 +86,14 @@ class Perturber:
         self._parameter, self._recompiler = parameter, recompiler
         lowest, highest = self._bounds
         tried = np.linspace(lowest, highest, _TRIED).tolist()
-        self.fields = recompiler.names([self._edit(value) for value in tried])
+        what = f"{perturbation.parameter} from {lowest} to {highest}"
+        try:
+            self.fields = recompiler.names([self._edit(value) for value in tried])
+        except ValueError as error:
+            why = " ".join(str(error).split())
+            raise ValueError(f"{what} gives no valid model: {why}; choose another range") from error
         if not self.fields:
-            raise ValueError(
-                f"{perturbation.parameter} from {lowest} to {highest} changes nothing in the model"
-            )
+            raise ValueError(f"{what} changes nothing in the model")
         self._known: dict[float, dict[str, np.ndarray]] = {}
 
     @functools.cached_property

@@ -143,6 +143,7 @@ class Faults:
           TypeError: it is none of these, there is no such fault, or a value has another type.
         """
         if isinstance(given, Faults):
+            cls.of(given.as_json())  # nobody has checked its values
             return given
         if isinstance(given, str):
             return _preset(given)
