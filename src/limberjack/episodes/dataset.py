@@ -52,6 +52,7 @@ from limberjack.episodes.statistics import Score, Summary, strata, summarise
 from limberjack.policies import mlp
 from limberjack.policies.networks import layout_of
 from limberjack.rl.action_specs import bounds_to_try, spec_of
+from limberjack.rl.control import shown_by
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.suggest import did_you_mean
 
@@ -374,7 +375,7 @@ class Dataset:
             mean=tuple(mean.tolist()),
             scale=tuple((deviation + _LEAST_SCALE).tolist()),
             algorithm=algorithm,
-            world=inside(environment).world,
+            world=shown_by(inside(environment), "world"),
         )
 
     def part(self, k: int, n: int) -> "Dataset":

@@ -26,6 +26,7 @@ from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Kept
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.rl.action_specs import spec_of
+from limberjack.rl.control import shown_by
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.pixels import PIXELS_KEY, Pixels
 from limberjack.rl.reward_terms import has_goal
@@ -332,7 +333,7 @@ def environments_of(recipe: Recipe, make: Make | None = None) -> tuple[dm_env.En
     factory = _factory(recipe, make)
     environment = factory.make(0)
     difference = recipe.difference(recipe.here(environment))
-    world = inside(environment).world
+    world = shown_by(inside(environment), "world")
     if world != facts.get("world"):
         difference = f"world is {facts.get('world')} and here {world}"
     timestep = inside(environment).control_timestep()
