@@ -408,6 +408,8 @@ def _observed(environment: dm_env.Environment, kept: Kept) -> list[Column]:
     spec = cast(Mapping[str, specs.Array], as_mapping(environment.observation_spec()))
     of_names = {name: (np.dtype(one.dtype), tuple(one.shape)) for name, one in spec.items()}
     if kept.flat:
+        if not of_names:
+            raise ValueError("the task observes nothing that could be joined: leave out flat")
         dtype = np.result_type(*(dtype for dtype, _ in of_names.values()))
         size = sum(math.prod(shape) for _, shape in of_names.values())
         of_names = {FLAT_OBSERVATION_KEY: (dtype, (size,))}
