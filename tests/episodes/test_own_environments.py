@@ -142,6 +142,8 @@ def test_a_dataset_of_a_domain_whose_source_has_changed_does_not_grow(
             data.collect("growing", "push", "zero", range(3), out=out, num_threads=1)
     finally:
         suite.unregister("growing")
+    with pytest.raises(ValueError, match="of 'growing', a domain of its users' own: import the mod"):
+        data.replay(dataset)
 
 
 def test_what_cannot_be_named_is_not_kept(tmp_path: Path) -> None:

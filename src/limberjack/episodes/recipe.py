@@ -21,7 +21,7 @@ import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack import policies
+from limberjack import policies, registry
 from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Kept
 from limberjack.mujoco.fingerprint import fingerprint, versions
@@ -359,7 +359,15 @@ def _factory(recipe: Recipe, make: Make | None) -> Factory:
             )
         # Half a step less, so that rounding does not add one.
         seconds = (recipe.step_limit - 0.5) * facts["control_timestep"]
-        return factory_of(facts["domain"], facts["task"], seconds, facts.get("world"))
+        try:
+            return factory_of(facts["domain"], facts["task"], seconds, facts.get("world"))
+        except ValueError as error:
+            if "domain_sha256" not in facts or facts["domain"] in registry.domains():
+                raise
+            raise ValueError(
+                f"the episodes are those of {facts['domain']!r}, a domain of its users' own: import "
+                "the module that registers it (limberjack --import MODULE)"
+            ) from error
     factory = factory_of(make)
     for name, value in factory.facts.items():
         if facts.get(name) != value:
