@@ -12,7 +12,8 @@ from limberjack.episodes.films import record
 from limberjack.evaluation import evaluate
 from limberjack.rl import control
 from limberjack.rl.copies import control_of
-from limberjack.training import run as training
+from limberjack.training import Settings
+from limberjack.training.run import _identified
 from limberjack.workers.factories import factory_of
 from tests.rl import odd_environments as odd
 
@@ -35,8 +36,9 @@ def delaying(seed: int) -> Any:
 class OwnNames(odd.Delaying):
     """A subclass with attributes of its own under names that dm_control leaves free."""
 
-    world = "kitchen"
-    step_limit = None
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        vars(self).update(world="kitchen", step_limit=None)
 
 
 def named(seed: int) -> Any:
@@ -82,7 +84,7 @@ def test_episodes_of_any_environment_are_kept_and_replayed(make: Any, tmp_path: 
 def test_names_that_a_subclass_uses_for_itself_are_not_read(tmp_path: Path) -> None:
     data.collect(named, None, "random", range(3), out=tmp_path, num_threads=1)
     assert data.load(tmp_path).policy_card("cloning", named(0)).world is None
-    facts = training._identified(factory_of(named), training.Settings(), 0)
+    facts = _identified(factory_of(named), Settings(), 0)
     assert facts["world"] is None
 
 
@@ -142,7 +144,7 @@ def test_a_dataset_of_a_domain_whose_source_has_changed_does_not_grow(
             data.collect("growing", "push", "zero", range(3), out=out, num_threads=1)
     finally:
         suite.unregister("growing")
-    with pytest.raises(ValueError, match="of 'growing', a domain of its users' own: import the mod"):
+    with pytest.raises(ValueError, match="of 'growing', which is no domain of the suite: import"):
         data.replay(dataset)
 
 

@@ -365,8 +365,8 @@ def _factory(recipe: Recipe, make: Make | None) -> Factory:
             if "domain_sha256" not in facts or facts["domain"] in registry.domains():
                 raise
             raise ValueError(
-                f"the episodes are those of {facts['domain']!r}, a domain of its users' own: import "
-                "the module that registers it (limberjack --import MODULE)"
+                f"the episodes are those of {facts['domain']!r}, which is no domain of the suite: "
+                "import the module that registers it (limberjack --import MODULE)"
             ) from error
     factory = factory_of(make)
     for name, value in factory.facts.items():
