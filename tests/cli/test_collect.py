@@ -345,6 +345,14 @@ def test_without_its_extra_the_command_names_the_packages(
     assert not out.exists()
 
 
+def test_episodes_of_a_function_have_no_minari_dataset_and_are_not_played(tmp_path: Path) -> None:
+    where = ["--env", "tests.plain_domain:make", "--out", str(tmp_path / "out")]
+    result = invoke("collect", *where, "--format", "minari")
+    assert result.exit_code == 2
+    assert "got --env tests.plain_domain:make and --format minari" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_format_minari_writes_both(tmp_path: Path) -> None:
     pytest.importorskip("minari", reason="needs the extra 'minari'")
     options = ["--seeds", "0:2", "--out", str(tmp_path), "--format", "minari"]

@@ -1,6 +1,7 @@
 """Arguments and options that several commands have: tasks, environments, seeds, and their words."""
 
 import json
+import os
 import re
 import sys
 import typing
@@ -448,6 +449,13 @@ def test_faults_are_a_name_a_mapping_or_a_file(tmp_path: Path) -> None:
 def test_faults_that_do_not_exist_are_refused(faults: str, env: str | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         world_named(env, faults)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+def test_faults_in_a_pipe_are_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "faults.json")
+    with pytest.raises(ValueError, match=r"cannot be read: .* is a pipe; expected a regular file"):
+        world_named(faults=str(tmp_path / "faults.json"))
 
 
 def test_an_unknown_fault_is_one_line_and_status_2_in_every_command(tmp_path: Path) -> None:

@@ -32,6 +32,13 @@ def test_after_an_error_the_earlier_folder_is_there_and_nothing_else(tmp_path: P
     assert (tmp_path / "out" / "ours").read_text() == "one"
 
 
+def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / ".out.0123456789abcdef" / "data").mkdir(parents=True)
+    (tmp_path / ".out.mine").mkdir()
+    _write(tmp_path / "out", "one")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".out.mine", "out"]
+
+
 def test_what_is_no_conversion_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")

@@ -360,6 +360,27 @@ def test_a_card_for_an_environment_with_other_observations_is_refused(pendulums:
         pendulums.policy_card("cloning", suite.load("cartpole", "swingup"))
 
 
+class _Square(pendulum.SwingUp):
+    """Has actions of two axes."""
+
+    def action_spec(self, physics: Any) -> specs.BoundedArray:
+        return specs.BoundedArray((1, 1), float, -1.0, 1.0)
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        super().before_step(action[..., 0], physics)
+
+
+def test_a_card_that_no_policy_file_can_have_is_refused(pendulums: Dataset) -> None:
+    def environment(task: type[pendulum.SwingUp], **kwargs: Any) -> control.Environment:
+        physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+        return control.Environment(physics, task(random=0), control_timestep=0.02, **kwargs)
+
+    with pytest.raises(ValueError, match=r"actions have shape \(1, 1\); expected one axis"):
+        pendulums.policy_card("cloning", environment(_Square))
+    with pytest.raises(ValueError, match="the environment observes no numbers, which a policy"):
+        pendulums.policy_card("cloning", environment(pendulum.SwingUp, pixels={"only": True}))
+
+
 class _Two(pendulum.SwingUp):
     """Has two actions, whose bounds are one number each."""
 

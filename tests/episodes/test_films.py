@@ -90,6 +90,14 @@ def test_seconds_cut_an_episode_short_and_do_not_lengthen_that_of_a_function(
     assert len(films[0].frames) == frames
 
 
+@pytest.mark.parametrize(("seconds", "frames"), [(0.025, 4), (1e-30, 2)])
+def test_a_last_control_step_that_the_seconds_end_within_is_filmed(
+    seconds: float, frames: int, films: list[_Frames], tmp_path: Path
+) -> None:
+    record("cartpole", "balance", out=tmp_path / "film.gif", seconds=seconds, **_SIZE)
+    assert len(films[0].frames) == frames
+
+
 def test_an_environment_without_a_time_limit_is_filmed_for_some_seconds_or_refused(
     films: list[_Frames], tmp_path: Path
 ) -> None:

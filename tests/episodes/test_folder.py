@@ -304,6 +304,13 @@ def test_a_folder_with_another_dataset_is_refused_by_name(parts: bool, tmp_path:
     assert hashes(tmp_path).keys() == set() if parts else {"seeds-0000000060-0000000062.parquet"}
 
 
+def test_the_folder_of_an_evaluation_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "episodes-1-of-2.jsonl").touch()
+    with pytest.raises(ValueError, match="holds an evaluation: choose another folder"):
+        Folder(tmp_path, _RECIPE)
+    assert [path.name for path in tmp_path.iterdir()] == ["episodes-1-of-2.jsonl"]
+
+
 def test_a_second_writer_is_refused_and_shards_are_not(tmp_path: Path) -> None:
     pytest.importorskip("fcntl", reason="no locks on this system")
     refused = pytest.raises(ValueError, match="another process writes to")

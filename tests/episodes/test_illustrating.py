@@ -86,8 +86,9 @@ def test_with_more_episodes_the_new_median_is_drawn_in_place_of_the_old_one(
     second = _names(tmp_path)
     assert first != second
     assert "There is no picture" in (tmp_path / "README.md").read_text()
+    (tmp_path / "median-of-mine.mp4").write_text("a user's own")
     _collect(tmp_path, range(40))
-    assert [*_drawn(tmp_path)] == sorted(second)
+    assert [*_drawn(tmp_path)] == sorted([*second, "median-of-mine.mp4"])
     assert second[1] in (tmp_path / "README.md").read_text()
     assert len(drawings) == 4
 

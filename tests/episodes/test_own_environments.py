@@ -12,6 +12,9 @@ from limberjack.episodes.films import record
 from limberjack.evaluation import evaluate
 from limberjack.rl import control
 from limberjack.rl.copies import control_of
+from limberjack.training import Settings
+from limberjack.training.run import _identified
+from limberjack.workers.factories import factory_of
 from tests.rl import odd_environments as odd
 
 
@@ -30,6 +33,19 @@ def delaying(seed: int) -> Any:
     return odd.of_class(odd.Delaying, seed)
 
 
+class OwnNames(odd.Delaying):
+    """A subclass with attributes of its own under names that dm_control leaves free."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        vars(self).update(world="kitchen", step_limit=None)
+
+
+def named(seed: int) -> Any:
+    """A subclass that uses names of ours for something else."""
+    return odd.of_class(OwnNames, seed)
+
+
 def pictured(seed: int) -> Any:
     """Stacked pictures."""
     pixels = {"camera": -1, "height": 8, "width": 8, "frame_stack": 2}
@@ -37,7 +53,7 @@ def pictured(seed: int) -> Any:
 
 
 _MAKES = [remembering, noisy, delaying, odd.nested, odd.scaled, odd.distracting, odd.randomized]
-_MAKES += [odd.shifting, odd.flat, odd.measuring]
+_MAKES += [odd.shifting, odd.flat, odd.measuring, named]
 
 
 def _rewards(make: Any, seed: int, actions: np.ndarray, repeat: int = 1) -> list[float]:
@@ -63,6 +79,13 @@ def test_episodes_of_any_environment_are_kept_and_replayed(make: Any, tmp_path: 
     assert data.replay(dataset, make, num_threads=1) is None
     scores = evaluate(make, None, "random", range(3), num_threads=1).scores["random"]
     assert [score.total for score in scores] == [episode.total for episode in dataset]
+
+
+def test_names_that_a_subclass_uses_for_itself_are_not_read(tmp_path: Path) -> None:
+    data.collect(named, None, "random", range(3), out=tmp_path, num_threads=1)
+    assert data.load(tmp_path).policy_card("cloning", named(0)).world is None
+    facts = _identified(factory_of(named), Settings(), 0)
+    assert facts["world"] is None
 
 
 def test_workers_collect_the_same_bytes(tmp_path: Path) -> None:
@@ -121,6 +144,8 @@ def test_a_dataset_of_a_domain_whose_source_has_changed_does_not_grow(
             data.collect("growing", "push", "zero", range(3), out=out, num_threads=1)
     finally:
         suite.unregister("growing")
+    with pytest.raises(ValueError, match="of 'growing', which is no domain of the suite: import"):
+        data.replay(dataset)
 
 
 def test_what_cannot_be_named_is_not_kept(tmp_path: Path) -> None:

@@ -23,6 +23,12 @@ def test_a_name_without_a_protocol_is_a_path(name: str) -> None:
 def test_a_url_of_this_machine_is_a_path(tmp_path: Path) -> None:
     folder = tmp_path / "with a blank"
     assert place_of(folder.as_uri()) == folder
+    assert place_of("file://localhost/data/walk") == Path("/data/walk")
+
+
+def test_a_url_of_a_file_elsewhere_is_no_path_here() -> None:
+    with pytest.raises(ValueError, match="file://data/walk names the machine 'data'; expected an"):
+        place_of("file://data/walk")
 
 
 @pytest.mark.parametrize("is_remote", [False, True])

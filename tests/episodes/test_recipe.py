@@ -213,3 +213,17 @@ def test_an_observation_of_a_dtype_that_is_not_kept_is_refused_before_anything_i
     environment = control.Environment(physics, _Signs(random=0), control_timestep=0.02)
     with pytest.raises(ValueError, match=r"observation/sign has type int16.*expected one of bool"):
         recipe_of(_RECIPE.facts, environment, Kept())
+
+
+class _Blind(pendulum.SwingUp):
+    def get_observation(self, physics: Any) -> Any:
+        return {}
+
+
+def test_no_observations_cannot_be_joined() -> None:
+    physics = pendulum.Physics.from_xml_string(*pendulum.get_model_and_assets())
+    environment = control.Environment(physics, _Blind(random=0), control_timestep=0.02)
+    names = {column.name for column in recipe_of(_RECIPE.facts, environment, Kept()).columns}
+    assert not any(name.startswith("observation/") for name in names)
+    with pytest.raises(ValueError, match="observes nothing that could be joined: leave out flat"):
+        recipe_of(_RECIPE.facts, environment, Kept(flat=True))

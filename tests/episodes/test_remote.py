@@ -331,6 +331,13 @@ def test_a_server_that_takes_no_files_is_named(tmp_path: Path) -> None:
     assert f"{url}/walk/run.json" in str(caught.value)
 
 
+def test_folders_of_this_machine_are_made_for_a_url_of_fsspec(
+    whole: dict[str, str], tmp_path: Path
+) -> None:
+    _collect(f"local://{tmp_path}/deep/out")
+    assert whole_hashes(tmp_path / "deep" / "out") == whole
+
+
 def test_a_place_is_made_moved_and_removed_as_a_path_is(tmp_path: Path) -> None:
     (tmp_path / "root").mkdir()
     (tmp_path / "content").write_bytes(b"content")

@@ -162,6 +162,7 @@ def test_what_ended_before_an_error_is_there(keeps: bool, tmp_path: Path) -> Non
     assert [episode.seed for episode in run.episodes] == [3]
     if keeps:
         assert [episode["seed"] for episode in _result(tmp_path)["episodes"]] == [3]
+    assert all(path.exists() for path in run.written)
 
 
 def test_an_actor_acts_in_the_place_of_the_policy_and_its_plans_are_charted(

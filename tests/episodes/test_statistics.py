@@ -1,5 +1,7 @@
 """Statistics of many scores."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -103,3 +105,11 @@ def test_a_single_episode_has_no_interval() -> None:
 
 def test_equal_returns_have_an_interval_of_no_width() -> None:
     assert bootstrap_interval(np.full(20, 4.0)) == (4.0, 4.0)
+
+
+def test_returns_that_are_not_finite_are_null_in_json() -> None:
+    for undefined in (np.nan, np.inf):
+        numbers = summarise(_scores(1.0, undefined, undefined)).as_json()
+        json.dumps(numbers, allow_nan=False)
+        assert (numbers["mean"], numbers["median"]) == (None, None)
+        assert numbers["episodes"] == 3

@@ -11,6 +11,7 @@ from limberjack.evaluation import evaluate, protocol, statistics
 from limberjack.evaluation.protocol import TaskScores, episodes_of, evaluate_set
 from limberjack.policies import PolicyError, mlp
 from limberjack.registry.sets import TaskSet
+from limberjack.workers import State
 from limberjack.worlds.appearance import Appearance
 from limberjack.worlds.faults import Faults
 
@@ -174,6 +175,12 @@ def test_progress_ends_at_the_number_of_episodes() -> None:
     assert calls == sorted(calls)
     assert calls[-1] == episodes_of(_FAST, ["random", "zero"]) == 2 * 2 * 2 * 2
     assert episodes_of("dmc28", {("walker", "walk"): "zero"}) == 28 * 2 * 2
+
+
+def test_the_state_of_workers_is_reported() -> None:
+    states: list[State] = []
+    evaluate_set([("pendulum", "swingup")], "zero", workers=1, on_state=states.append)
+    assert {state.workers for state in states} == {1}
 
 
 def test_a_folder_of_other_results_is_refused_and_left_alone(tmp_path: Path) -> None:

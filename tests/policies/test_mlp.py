@@ -232,6 +232,15 @@ def test_a_card_that_does_not_fit_is_refused_as_it_is_saved_and_as_it_is_loaded(
     assert len(str(caught.value)) < 500
 
 
+def test_a_card_with_arrays_says_what_to_give_instead() -> None:
+    bounds: Any = np.zeros(3), (np.float32(0),) * 3
+    for low, message in zip(
+        bounds, ("a list of up to", "numbers, such as array.tolist"), strict=True
+    ):
+        with pytest.raises(ValueError, match=f"its low is .*: expected {message}"):
+            mlp.Mlp(_LAYERS, dataclasses.replace(_CARD, low=low))
+
+
 def _whole(directory: Path) -> Path:
     path = directory / "whole.safetensors"
     mlp.save(path, _LAYERS, _CARD)

@@ -154,7 +154,7 @@ def _collect(
         part, world = shard_named(shard, out), world_named(env, faults, appearance)
         pictures = _pictures(pixels, camera)
     _search(policy, task_set)
-    _check_extras(format, out)
+    _check_extras(format, out, env)
     with (
         remarks_reported(),
         show_units() as progress,
@@ -188,14 +188,19 @@ def _collect(
         _finish(folder, format)
 
 
-def _check_extras(format: _Format, out: str) -> None:
-    """Reports a missing extra, or a URL that cannot be written to, before anything is played."""
+def _check_extras(format: _Format, out: str, env: str | None) -> None:
+    """Reports a missing extra, or what a format cannot have, before anything is played."""
     with reading_reported("collect"):
         from limberjack.episodes.places import place_of
 
         importlib.import_module("limberjack.data")
         if not isinstance(place_of(out), Path) and format is _Format.MINARI:
             raise ValueError(f"--out is the URL {out}, and --format minari needs a folder")
+        if env is not None and format is _Format.MINARI:
+            raise ValueError(
+                f"got --env {env} and --format minari, whose datasets name an environment that "
+                "Gymnasium makes by its id: leave out --format, and convert --to lerobot"
+            )
         if format is _Format.MINARI:
             importlib.import_module("limberjack.episodes.to_minari")
 

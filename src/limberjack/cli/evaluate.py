@@ -204,6 +204,7 @@ def _evaluate_set(
             any_processor=any_processor,
             world=world,
             on_progress=progress.show,
+            on_state=progress.show_state,
             command=command_line(),
         )
     _print_set(found)

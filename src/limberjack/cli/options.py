@@ -11,6 +11,7 @@ import typer
 
 from limberjack import registry
 from limberjack.cli.output import append_working_directory
+from limberjack.utils.files import read_regular
 from limberjack.utils.seeds import SEEDS
 from limberjack.utils.suggest import did_you_mean
 
@@ -236,8 +237,8 @@ def _name_or_mapping(option: str, text: str) -> str | dict[str, object]:
     path = Path(text)
     if path.suffix in (".toml", ".json"):
         try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+            text = read_regular(path).decode()
+        except (OSError, ValueError) as error:  # no UTF-8, too
             raise ValueError(f"{option} {path} cannot be read: {error}") from None
     elif not text.startswith("{"):
         return text

@@ -8,6 +8,7 @@ An earlier conversion is replaced, and nothing else is.
 
 import contextlib
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,7 +37,11 @@ def converted(
         raise ValueError(f"{folder} exists: remove it, or choose {choice}")
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = folder.with_name(f".{folder.name}.{random_letters()}")
+    unfinished = re.compile(rf"\.{re.escape(folder.name)}\.[0-9a-f]{{16}}")
     with Hold(folder):
+        for left in folder.parent.iterdir():
+            if unfinished.fullmatch(left.name):  # of a process that was killed
+                shutil.rmtree(left, ignore_errors=True)
         partial.mkdir()  # fails where anything is
         try:
             yield partial

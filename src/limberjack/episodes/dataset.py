@@ -52,6 +52,7 @@ from limberjack.episodes.statistics import Score, Summary, strata, summarise
 from limberjack.policies import mlp
 from limberjack.policies.networks import layout_of
 from limberjack.rl.action_specs import bounds_to_try, spec_of
+from limberjack.rl.control import shown_by
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.suggest import did_you_mean
 
@@ -339,8 +340,9 @@ class Dataset:
           action_bound: largest absolute action, where the task has no bounds of its own.
 
         Raises:
-          ValueError: the dataset is of no task of the suite, or lacks an observation, or
-            `action_bound` is no positive number.
+          ValueError: the dataset is of no task of the suite, or lacks an observation,
+            or the environment has none but pictures, or actions of another number of axes than
+            one, or `action_bound` is no positive number.
         """
         if not 0 < action_bound < math.inf:
             raise ValueError(f"action_bound is {action_bound!r}; expected a positive number")
@@ -350,6 +352,10 @@ class Dataset:
                 raise ValueError("the dataset is of no task of the suite: pass its environment")
             environment = suite.load(facts["domain"], facts["task"], None, facts.get("world"))
         layout, actions = layout_of(environment), spec_of(environment)
+        if not layout:
+            raise ValueError("the environment observes no numbers, which a policy file needs")
+        if len(actions.shape) != 1:
+            raise ValueError(f"actions have shape {actions.shape}; expected one axis, such as (2,)")
         observed = self.statistics().observations
         for name, _ in layout:
             if name not in observed:
@@ -374,7 +380,7 @@ class Dataset:
             mean=tuple(mean.tolist()),
             scale=tuple((deviation + _LEAST_SCALE).tolist()),
             algorithm=algorithm,
-            world=inside(environment).world,
+            world=shown_by(inside(environment), "world"),
         )
 
     def part(self, k: int, n: int) -> "Dataset":

@@ -58,7 +58,7 @@ def checked_environment(
     if is_kept and not factory.is_known:
         raise ValueError(_why_unknown(factory))
     environment = factory.make(_IDENTIFYING)
-    if inside(environment).step_limit is None:
+    if step_limit_of(environment) is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a {limit}"
         )
@@ -136,14 +136,14 @@ def _control_timestep(environment: dm_env.Environment) -> float:
 
 def seconds_without_a_limit(environment: dm_env.Environment) -> float | None:
     """Seconds that a task without a time limit is scored for, 1,000 control steps; else None."""
-    inner = inside(environment)
-    has_limit = Environment.step_limit.of(inner) is not None
-    return None if has_limit else _USUAL_STEPS * inner.control_timestep()
+    if step_limit_of(environment) is not None:
+        return None
+    return _USUAL_STEPS * _control_timestep(environment)
 
 
 def step_limit_of(environment: dm_env.Environment) -> int | None:
     """Steps of an episode; None without a limit."""
-    return inside(environment).step_limit
+    return Environment.step_limit.of(inside(environment))
 
 
 def inside(environment: dm_env.Environment) -> Environment:

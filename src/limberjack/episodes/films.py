@@ -329,7 +329,7 @@ class _Stage:
                     f"{factory.title} has no time limit, so the film would never end: give its "
                     "seconds (--seconds SECONDS)"
                 )
-            yield cls(batch, int(limit), view)
+            yield cls(batch, math.ceil(limit), view)
 
     def film(
         self,

@@ -54,6 +54,7 @@ from limberjack.episodes.places import (
 )
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.writing import ENDING, FILE, LIST, PART, Order, Writing, file_of, joining
+from limberjack.see.report.result import EVALUATION
 from limberjack.utils.files import Hold, random_letters, read_regular
 
 __all__ = ["Folder", "blocks", "calls_in", "check_distinct", "discard_other"]
@@ -172,6 +173,8 @@ class Folder:
         self._manifest = Manifest.read(self.directory / MANIFEST)
         if self._manifest is not None:
             self._check_recipe(self.directory / MANIFEST, self._manifest.recipe)
+        elif named(self.directory, EVALUATION):
+            raise ValueError(f"{self.directory} holds an evaluation: choose another folder")
         parts, files = _seeds_in(self._parts, ENDING), _seeds_in(self._episodes)
         _check_apart([(self._episodes / file_name(seeds), seeds) for seeds in files])
         for seeds in files[:1]:

@@ -8,6 +8,7 @@ complete without it.
 """
 
 import contextlib
+import re
 import tempfile
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from limberjack.workers.factories import Make
 __all__ = ["illustrate"]
 
 _SIZE = 240, 320  # height and width, pixels: a card is a page with text; drawing takes less time
+_DRAWN = re.compile(r"median-\d{10}\.(png|mp4)")  # see `card.names_of`
 _FAILURES = (ImportError, OSError, PhysicsError, RenderingError, ValueError)  # of `film`
 
 
@@ -59,7 +61,7 @@ def illustrate(directory: Place, make: Make | None = None) -> None:
         except _FAILURES as error:
             log.warning(NOT_DRAWN, directory, name, error)
     for other in named(directory, "median-*"):
-        if other.name not in names:  # the median was another episode
+        if other.name not in names and _DRAWN.fullmatch(other.name):  # of the median before
             remove(other)
     write_card(directory, manifest, figures)
 

@@ -57,7 +57,7 @@ def place_of(name: "Path | Remote | str") -> Place:
 
     Raises:
       ImportError: it is a URL, and fsspec or what its protocol needs is not installed.
-      ValueError: there is no such protocol.
+      ValueError: there is no such protocol, or a `file://` URL names another machine.
     """
     if not isinstance(name, str):
         return name
@@ -66,7 +66,13 @@ def place_of(name: "Path | Remote | str") -> Place:
     if name.lower().startswith("file://"):
         from urllib.request import url2pathname  # slow to import
 
-        return Path(url2pathname(urlsplit(name).path))
+        parts = urlsplit(name)
+        if parts.netloc.lower() not in ("", "localhost"):
+            raise ValueError(
+                f"{name} names the machine {parts.netloc!r}; expected an absolute path after "
+                "file://, such as file:///data/walk"
+            )
+        return Path(url2pathname(parts.path))
     from limberjack.episodes.remote import Remote  # which imports fsspec
 
     return Remote(name)

@@ -18,7 +18,7 @@ from typing import TypeVar
 import dm_env
 
 from limberjack import policies
-from limberjack.episodes.environments import checked_environment, checked_repeat, inside
+from limberjack.episodes.environments import checked_environment, checked_repeat, step_limit_of
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.playing import OnStep, Step, batch_for, play
 from limberjack.episodes.starts import Starts
@@ -102,7 +102,7 @@ class Player:
         except BaseException:
             self.environment.close()
             raise
-        limit = inside(self.environment).step_limit
+        limit = step_limit_of(self.environment)
         assert limit is not None  # see `checked_environment`
         self.step_limit = limit
         self.identity = self._identified()

@@ -21,11 +21,12 @@ import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack import policies
+from limberjack import policies, registry
 from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Kept
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.rl.action_specs import spec_of
+from limberjack.rl.control import shown_by
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.pixels import PIXELS_KEY, Pixels
 from limberjack.rl.reward_terms import has_goal
@@ -332,7 +333,7 @@ def environments_of(recipe: Recipe, make: Make | None = None) -> tuple[dm_env.En
     factory = _factory(recipe, make)
     environment = factory.make(0)
     difference = recipe.difference(recipe.here(environment))
-    world = inside(environment).world
+    world = shown_by(inside(environment), "world")
     if world != facts.get("world"):
         difference = f"world is {facts.get('world')} and here {world}"
     timestep = inside(environment).control_timestep()
@@ -358,7 +359,15 @@ def _factory(recipe: Recipe, make: Make | None) -> Factory:
             )
         # Half a step less, so that rounding does not add one.
         seconds = (recipe.step_limit - 0.5) * facts["control_timestep"]
-        return factory_of(facts["domain"], facts["task"], seconds, facts.get("world"))
+        try:
+            return factory_of(facts["domain"], facts["task"], seconds, facts.get("world"))
+        except ValueError as error:
+            if "domain_sha256" not in facts or facts["domain"] in registry.domains():
+                raise
+            raise ValueError(
+                f"the episodes are those of {facts['domain']!r}, which is no domain of the suite: "
+                "import the module that registers it (limberjack --import MODULE)"
+            ) from error
     factory = factory_of(make)
     for name, value in factory.facts.items():
         if facts.get(name) != value:
@@ -407,6 +416,8 @@ def _observed(environment: dm_env.Environment, kept: Kept) -> list[Column]:
     spec = cast(Mapping[str, specs.Array], as_mapping(environment.observation_spec()))
     of_names = {name: (np.dtype(one.dtype), tuple(one.shape)) for name, one in spec.items()}
     if kept.flat:
+        if not of_names:
+            raise ValueError("the task observes nothing that could be joined: leave out flat")
         dtype = np.result_type(*(dtype for dtype, _ in of_names.values()))
         size = sum(math.prod(shape) for _, shape in of_names.values())
         of_names = {FLAT_OBSERVATION_KEY: (dtype, (size,))}

@@ -37,7 +37,7 @@ _BLOCK = 2**23
 
 # Protocols of file systems with folders, in which a file that is being written has part of its
 # content, and a rename puts it in place at once. Others, such as s3, put whole objects.
-_RENAMING = {"dav", "ftp", "hdfs", "sftp", "smb", "ssh", "webdav", "webhdfs"}
+_RENAMING = {"dav", "ftp", "hdfs", "local", "sftp", "smb", "ssh", "webdav", "webhdfs"}
 
 # In what is no name of a file: a page of links also leads elsewhere, or to itself in another order.
 _OTHER = re.compile(r"[/?#]|^$")

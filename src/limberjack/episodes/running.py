@@ -248,7 +248,7 @@ class Run:
                 finally:
                     self.written = [*recorder.written]
                     self.left_out += recorder.left_out
-        if self._keeps:
+        if self._keeps and (self._out / EPISODES).exists():
             self.written.append(self._out / EPISODES)
 
     def _show(

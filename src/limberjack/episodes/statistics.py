@@ -10,6 +10,7 @@ was reached and held. Results are reproducible: the bootstrap has a fixed seed.
 
 import collections
 import dataclasses
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -91,8 +92,16 @@ class Summary:
         return self.successes / self.episodes
 
     def as_json(self) -> dict[str, object]:
-        """The numbers by name, as result.json has them."""
-        return {**dataclasses.asdict(self), "success_rate": self.success_rate}
+        """The numbers by name, as result.json has them; None for those that are not finite."""
+        numbers = {**dataclasses.asdict(self), "success_rate": self.success_rate}
+        return {name: _as_json(value) for name, value in numbers.items()}
+
+
+def _as_json(value: object) -> object:
+    """A number, or several, as values of JSON, which has no NaN."""
+    if isinstance(value, tuple):
+        return tuple(map(_as_json, value))
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def summarise(scores: Sequence[Score]) -> Summary:
@@ -140,5 +149,6 @@ def bootstrap_interval(values: np.ndarray) -> tuple[float, float] | None:
         resamples = min(at_once, RESAMPLES - first)
         means.append(values[stream.randint(count, size=(resamples, count))].mean(axis=-1))
     tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(np.concatenate(means), [tail, 1 - tail])
+    with np.errstate(invalid="ignore"):  # of returns that are not finite
+        low, high = np.quantile(np.concatenate(means), [tail, 1 - tail])
     return float(low), float(high)

@@ -38,7 +38,7 @@ from limberjack.registry import sets
 from limberjack.registry.sets import Tasks, TaskSet, refusals_named
 from limberjack.rl.control import Environment
 from limberjack.utils.files import read_regular, replacing
-from limberjack.workers import OnProgress, WorkError
+from limberjack.workers import OnProgress, OnState, WorkError
 from limberjack.worlds import World
 from limberjack.worlds.appearance import Appearance, Looks
 from limberjack.worlds.faults import Faults
@@ -161,6 +161,7 @@ def evaluate_set(
     any_processor: bool = False,
     world: World | None = None,
     on_progress: OnProgress | None = None,
+    on_state: OnState | None = None,
     command: str = "",
 ) -> SetEvaluation:
     """The scores of one or more runs of an agent on all tasks of a set.
@@ -180,6 +181,7 @@ def evaluate_set(
       world: as for `evaluate`, of all tasks.
       on_progress: called as by `evaluate`, with the number of episodes of all tasks and runs; those
         of tasks that are left out count as finished. `episodes_of` has their number.
+      on_state: as for `evaluate`.
       command: the command line as it was typed, for the pages; empty if there was none.
 
     Raises:
@@ -219,6 +221,7 @@ def evaluate_set(
                     any_processor=any_processor,
                     world=world,
                     on_progress=show,
+                    on_state=on_state,
                     command=command,
                 )
             found[domain, task].append(of_run)

@@ -549,13 +549,13 @@ def _is_whole(value: object) -> bool:
 
 def _whole(value: object) -> int:
     if not _is_whole(value) or not 0 <= cast(int, value) < 2**63:
-        raise TypeError
+        raise ValueError("expected whole numbers from 0 on")
     return cast(int, value)
 
 
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError
+        raise ValueError("expected numbers, such as array.tolist() gives")
     if not math.isfinite(value):
         raise ValueError("expected finite numbers")
     return float(value)
@@ -563,7 +563,9 @@ def _number(value: object) -> float:
 
 def _list(value: object) -> list[object]:
     if not isinstance(value, list | tuple) or len(value) > _MOST_NUMBERS:
-        raise TypeError
+        raise ValueError(
+            f"expected a list of up to {_MOST_NUMBERS} entries, such as array.tolist() gives"
+        )
     return list(value)
 
 

@@ -34,6 +34,7 @@ from limberjack.policies.networks import layout_of
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import own_repeat
+from limberjack.rl.control import shown_by
 from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.see.report import write_learning_plot
 from limberjack.training.folder import POLICY, Folder, opened
@@ -217,7 +218,7 @@ def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, ob
         "fingerprint": fingerprint(inside(environment).physics.model._model),
         "algorithm": "CrossQ",
         "seed": seed,
-        "world": inside(environment).world,
+        "world": shown_by(inside(environment), "world"),
         "settings": dataclasses.asdict(settings),
     }
 
