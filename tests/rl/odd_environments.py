@@ -73,6 +73,13 @@ class Pole(base.Task):
         return np.cos(physics.data.qpos[..., 0])
 
 
+class Blind(Pole):
+    """Observes nothing."""
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        return collections.OrderedDict()
+
+
 class LastAction(Pole):
     """An action-rate penalty."""
 
@@ -476,6 +483,7 @@ def flat(seed: int) -> Any:
 
 _TASKS: dict[str, type[Pole]] = {
     "a plain task": Pole,
+    "no observations": Blind,
     "a last action": LastAction,
     "a kept array": KeepsTheCallersArray,
     "a counter": Counting,

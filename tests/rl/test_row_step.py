@@ -24,7 +24,7 @@ _MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST
 
 def _step() -> RowStep:
     last = {"angle": np.full((3, 2), 7.0)}
-    return RowStep({"angle": np.zeros((3, 2))}, last)
+    return RowStep(3, {"angle": np.zeros((3, 2))}, last)
 
 
 def _time_step(kind: Any = _MID, reward: Any = 0.5, discount: Any = 1.0, angle: Any = (1.0, 2.0)):
@@ -285,7 +285,7 @@ def test_rows_that_failed_to_advance_are_not_ended(error: type[BaseException]) -
 def _found(env: Any, num_envs: int) -> RowStep:
     specs = env.observation_spec()
     empty = {name: np.zeros((num_envs, *one.shape), one.dtype) for name, one in specs.items()}
-    return RowStep(empty, {name: value.copy() for name, value in empty.items()})
+    return RowStep(num_envs, empty, {name: value.copy() for name, value in empty.items()})
 
 
 def test_an_environment_in_use_by_another_thread_is_refused_and_stays_in_use() -> None:

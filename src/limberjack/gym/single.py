@@ -54,7 +54,7 @@ class _Row(RowsEnvironment):
         """Steps the running environment, without the costs of many rows and threads."""
         with self._use:
             self._begins[0], self._has_ended[0] = True, False  # until the step is complete
-            found = RowStep(self._empty(), self._observation)
+            found = RowStep(1, self._empty(), self._observation)
             self._step_row(0, action, found)
             if found.error is not None:
                 raise found.error

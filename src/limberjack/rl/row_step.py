@@ -1,6 +1,6 @@
 """`RowStep`: the time steps of the rows of a batch, collected by the threads that step them.
 
-    found = RowStep(arrays_to_fill, last_observations)
+    found = RowStep(num_envs, arrays_to_fill, last_observations)
     found.take(3, environment.step(action), environment)    # by the thread of row 3
     found.reward        # (num_envs,)
 
@@ -46,20 +46,21 @@ class RowStep:
       error: of a row that diverged.
     """
 
-    def __init__(self, observation: dict[str, np.ndarray], last: Mapping[str, np.ndarray]) -> None:
+    def __init__(
+        self, num_envs: int, observation: dict[str, np.ndarray], last: Mapping[str, np.ndarray]
+    ) -> None:
         """Takes arrays to fill, (num_envs, ...) by name, and the observations of the last step."""
-        count = len(next(iter(observation.values())))
         self._last = last
-        self.step_type = np.full(count, _MID)
-        self.reward = np.zeros(count)
-        self.discount = np.ones(count)
+        self.step_type = np.full(num_envs, _MID)
+        self.reward = np.zeros(num_envs)
+        self.discount = np.ones(num_envs)
         self.observation = observation
         # Name, array of all rows, and the shape and dtype that each row must have.
         self._forms = [(n, v, v.shape[1:], v.dtype) for n, v in self.observation.items()]
-        self.diverged = np.zeros(count, bool)
-        self.timed_out = np.zeros(count, bool)
-        self.cut_off = np.zeros(count, bool)
-        self.steps = np.zeros(count, int)
+        self.diverged = np.zeros(num_envs, bool)
+        self.timed_out = np.zeros(num_envs, bool)
+        self.cut_off = np.zeros(num_envs, bool)
+        self.steps = np.zeros(num_envs, int)
         self.error: PhysicsError | None = None
 
     def take(self, row: int, time_step: dm_env.TimeStep, plain: Environment | None) -> None:

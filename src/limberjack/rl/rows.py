@@ -234,7 +234,7 @@ class RowsEnvironment(Batch):
 
     def _take_starts(self, start: Callable[[int], dm_env.TimeStep], rows: np.ndarray) -> None:
         """Takes the observations of the first time steps that `start(row)` returns."""
-        found = RowStep(self._empty(), self._observation)
+        found = RowStep(self.num_envs, self._empty(), self._observation)
 
         def take(row: int) -> None:
             found.take(row, start(row), self._rows[row].plain)
@@ -262,7 +262,7 @@ class RowsEnvironment(Batch):
             begins, has_ended = self._begins.tolist(), self._has_ended.tolist()
             # Until the step is complete: after an interrupt, all rows begin again.
             self.restart()
-            found = RowStep(self._empty(), self._observation)
+            found = RowStep(self.num_envs, self._empty(), self._observation)
 
             def step(row: int) -> None:
                 if begins[row]:
