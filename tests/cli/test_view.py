@@ -315,6 +315,15 @@ def test_plans_are_explained_on_request(monkeypatch: pytest.MonkeyPatch) -> None
     assert silent is None
 
 
+@pytest.mark.parametrize(
+    "option", [("--port", "8080"), ("--host", "0.0.0.0"), ("--allow-host", "one.example")]
+)
+def test_a_window_has_no_address(option: tuple[str, str]) -> None:
+    result = _invoke("view", "cartpole/balance", "--native", *option)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("limberjack: --native opens a window and listens on no port")
+
+
 def test_the_policies_named_are_offered_first_then_the_built_in_ones(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

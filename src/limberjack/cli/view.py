@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 __all__: list[str] = []
 
+_THIS_MACHINE = "127.0.0.1"
 _OF_APPEARANCE = (
     "of the appearance, the viewer shows colours, background and the model's cameras as at the "
     "start of each episode; select a camera with [ and ], since the viewer's own has no look"
@@ -92,7 +93,7 @@ def _view(
     ] = False,
     host: Annotated[
         str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines in.")
-    ] = "127.0.0.1",
+    ] = _THIS_MACHINE,
     port: Annotated[
         int | None,
         typer.Option(
@@ -163,6 +164,11 @@ def _find_viewer(
     from limberjack.viewer.access import Access, find_address
 
     if native:
+        if host != _THIS_MACHINE or port is not None or allow_hosts:
+            raise ValueError(
+                "--native opens a window and listens on no port: leave out --host, --port and "
+                "--allow-host, or --native"
+            )
         return viewer.in_window()
     address = find_address(host, port)
     access = Access(address, allow_hosts)
