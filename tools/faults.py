@@ -78,7 +78,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            return self._action.copy()\n        return self._act",
             "            return self._act(None)\n        return self._act",
         ),
-        ("        self._action = action\n", "        self._action = np.zeros(shape)\n"),
+        ("np.rint(action) if is_whole else action", "np.zeros(spec.shape)"),
     ],
     "viewer/shown.py": [
         ("is_as_it_is = self._look is None and not self._is_fast", "is_as_it_is = not self._look"),
