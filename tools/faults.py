@@ -580,7 +580,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        figures.include(of_file)", "        figures = of_file"),
     ],
     "episodes/dataset.py": [
-        ("            world=inside(environment).world,\n", ""),
+        ('            world=shown_by(inside(environment), "world"),\n', ""),
         ("bounds_to_try(actions, action_bound)", "bounds_to_try(actions)"),
         ("tuple((deviation + _LEAST_SCALE).tolist())", "tuple(deviation.tolist())"),
         (
@@ -705,7 +705,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if exists(path) and CARD_LINE.encode() not in read(path):", "if exists(path):"),
     ],
     "episodes/illustrating.py": [
-        ("        if other.name not in names:", "        if True:"),
+        ("        if other.name not in names and _DRAWN", "        if _DRAWN"),
         ("    write_card(directory, manifest, figures)\n", ""),
         ("film(dataset, seed, make, out", "film(dataset, seed, None, out"),
         ("        except _FAILURES as error:", "        except ImportError as error:"),
@@ -743,7 +743,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "episodes/places.py": [
         ("[a-z][a-z0-9+.-]+://", "[a-z][a-z0-9+.-]*:"),
-        ("url2pathname(urlsplit(name).path)", "urlsplit(name).path"),
+        ("url2pathname(parts.path)", "parts.path"),
     ],
     "episodes/statistics.py": [
         ("np.mean(episode.rewards[-LAST_STEPS:])", "np.mean(episode.rewards[:LAST_STEPS])"),
@@ -1237,7 +1237,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("return steps // self.options.interval", "return steps"),
         ("stream if self._episodes[row] >= 0 else None", "None"),
-        ("os.path.abspath(Path(path).expanduser())", "str(Path(path).expanduser())"),
+        ("os.path.abspath(os.path.expanduser(path))", "os.path.expanduser(path)"),
     ],
     "worlds/appearance/viewpoint.py": [
         (
