@@ -49,6 +49,7 @@ _OTHERS = {
     ("limberjack.episodes.writing", "partial.write_bytes"),
     ("limberjack.episodes.folder", "partial.write_text"),
     ("limberjack.episodes.remote", "files.open"),  # for reading; fsspec takes the mode second
+    ("limberjack.worlds.appearance.media", "Image.open"),  # for reading; it takes the file first
     # Into a folder that `limberjack.episodes.converting` makes; so does `write_plain` above.
     ("limberjack.episodes.to_lerobot", "(folder / name).write_text"),
     ("limberjack.adapters.sb3", "zipfile.ZipFile"),
