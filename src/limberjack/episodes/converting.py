@@ -24,6 +24,8 @@ def converted(
 ) -> Iterator[Path]:
     """A new empty folder, which takes the place of `folder` when the context ends.
 
+    What a process that was killed left of an earlier conversion to the same place is removed.
+
     Args:
       folder: an absolute path; the folders above it are created.
       is_ours: whether a folder is an earlier conversion, which may be replaced.
