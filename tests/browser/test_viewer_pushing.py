@@ -30,6 +30,7 @@ _SCALE = 0.25  # pixels that are drawn per CSS pixel
 _PANEL_WIDTH = 360  # CSS pixels of the left that the panel may cover
 _LOOKS = 5  # pictures after a double click that may come before one that shows its effect
 _DRAG = 60  # CSS pixels
+_HOLDS = (1, 2, 3, 4)  # seconds at a place, one after the other, while dragging has no effect
 _POLL = 0.05  # seconds
 _CTRL = 2  # the DevTools protocol's number of the modifier
 _BUTTONS = {"left": 1, "right": 2}  # its numbers of buttons that are held
@@ -141,27 +142,37 @@ class _Viewed:
             assert time.monotonic() < end, f"no body is chosen after {LIMIT:g} seconds"
 
     def drag_up(self, place: tuple[int, int], button: str, until: Callable[[], bool]) -> None:
-        """Drags with Ctrl, and holds the button until that has had its effect.
+        """Drags with Ctrl until that has had its effect, as often as it takes.
 
-        Studio looks at the mouse once for each of its own frames, which are rarer than the page's
-        on a busy machine. A press and a movement between two looks are one movement; it is none if
-        the mouse was there at the look before. So the mouse moves again, after longer waits.
+        Studio looks at the mouse and the keys once for each of its own frames, which are rarer than
+        the page's on a busy machine. A press and a movement between two looks are one movement; it
+        is none if the mouse was there at the look before. So the mouse moves again, after longer
+        waits, and lets all go and presses again where that did not help.
         """
+        end = time.monotonic() + LIMIT
+        while not self._drag_once(place, button, until):
+            assert time.monotonic() < end, f"dragging had no effect in {LIMIT:g} seconds"
+
+    def _drag_once(self, place: tuple[int, int], button: str, until: Callable[[], bool]) -> bool:
+        """Drags with Ctrl and holds the button for some seconds; whether that had its effect."""
         x, y = place
         about = {"code": "ControlLeft", "key": "Control", "windowsVirtualKeyCode": 17}
         self.page.call("Input.dispatchKeyEvent", type="rawKeyDown", modifiers=_CTRL, **about)
         held = {"button": button, "buttons": _BUTTONS[button], "modifiers": _CTRL}
         self._move(x, y, modifiers=_CTRL)
         self._mouse("mousePressed", x, y, clickCount=1, **held)
-        here, other = y - _DRAG, y - 2 * _DRAG
-        self._mouse("mouseMoved", x, here, **held)
-        end, seconds = time.monotonic() + LIMIT, 1
-        while not _is_soon(until, seconds):
-            assert time.monotonic() < end, f"dragging had no effect in {LIMIT:g} seconds"
-            here, other, seconds = other, here, seconds + 1
+        here, other = y - 2 * _DRAG, y - _DRAG
+        had_effect = False
+        for seconds in _HOLDS:
+            here, other = other, here
             self._mouse("mouseMoved", x, here, **held)
+            if had_effect := _is_soon(until, seconds):
+                break
+        for other_button in _BUTTONS.keys() - {button}:
+            self._mouse("mouseReleased", x, here, button=other_button, modifiers=_CTRL)
         self._mouse("mouseReleased", x, here, button=button, modifiers=_CTRL, clickCount=1)
         self.page.call("Input.dispatchKeyEvent", type="keyUp", **about)
+        return had_effect
 
     def _move(self, x: int, y: int, **about: object) -> None:
         """Moves there, and waits until Studio knows: a press in the same picture would drag."""
