@@ -159,6 +159,7 @@ def test_a_task_of_ones_own_runs_as_it_is() -> None:
         (lambda physics: np.asarray(physics.data.qpos)[:, 0], r"np\.asarray\(\) would take"),
         (lambda physics: np.median(physics.data.qpos, axis=-1), r"np\.median is not available"),
         (lambda physics: physics.data.ncon * 1.0, "has no 'ncon'"),
+        (lambda physics: physics.data.qpos @ np.ones(7), "size mismatch|shapes|must match"),
     ],
 )
 def test_code_that_leaves_the_protocols_is_refused_with_the_tasks_name(

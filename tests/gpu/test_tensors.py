@@ -56,6 +56,10 @@ def test_what_a_strict_array_allows_gives_numpys_values(number: int) -> None:
         (lambda x: np.minimum.accumulate(x), "np.minimum.accumulate is not available"),
         (lambda x: np.add([x[0], x[1]], x[2]), "Use np.stack"),
         (lambda x: x.astype(str), "arrays on a device hold numbers"),
+        (lambda x: x.sort(), "the method sort() is not available for arrays on a device. Use np.s"),
+        (lambda x: x.put([0], 1.0), "the method put() is not available for arrays on a device."),
+        (lambda x: (x > 0).nonzero(), "nonzero() would take"),
+        (lambda x: np.sum(x, axis=-1, initial=1.0), "np.sum on a device: "),
     ],
 )
 def test_what_leaves_the_protocols_is_refused_with_a_replacement(
@@ -64,6 +68,70 @@ def test_what_leaves_the_protocols_is_refused_with_a_replacement(
     with pytest.raises(TypeError) as raised:
         refused(_on_device(_X))
     assert message in str(raised.value)
+
+
+# Methods that arrays and tensors have under one name, on numbers and on a mask.
+_METHODS: dict[str, Callable[[Any, Any], Any]] = {
+    "all": lambda x, m: m.all(axis=-1),
+    "any": lambda x, m: m.any(-1, keepdims=True),
+    "argmax": lambda x, m: x.argmax(axis=-1),
+    "argmin": lambda x, m: x.argmin(),
+    "argsort": lambda x, m: x.argsort(axis=-1),
+    "clip": lambda x, m: x.clip(0, 0.5),
+    "cumprod": lambda x, m: x.cumprod(axis=-1),
+    "cumsum": lambda x, m: x.cumsum() + x.cumsum(axis=0).ravel(),
+    "diagonal": lambda x, m: x.diagonal(),
+    "dot": lambda x, m: x.dot(np.ones(3)),
+    "flatten": lambda x, m: x.flatten(),
+    "max": lambda x, m: x.max(0) + x.max(),
+    "mean": lambda x, m: x.mean(-1) + m.mean(axis=-1) + x.mean(),
+    "min": lambda x, m: x.min(axis=(0, 1)),
+    "prod": lambda x, m: x.prod(-1) + x.prod() + x.prod(axis=(0, 1)),
+    "ravel": lambda x, m: x.ravel(),
+    "repeat": lambda x, m: x.repeat(2) + x.repeat(2, axis=-1).ravel(),
+    "reshape": lambda x, m: x.reshape(3, -1).T + x.reshape((4, 3)),
+    "round": lambda x, m: (3 * x).round(),
+    "squeeze": lambda x, m: x[:, None].squeeze(axis=1),
+    "std": lambda x, m: x.std() + x.std(axis=-1) + x.std(0, ddof=1, keepdims=True).max(),
+    "sum": lambda x, m: x.sum(axis=-1) + m.sum(-1) + x.sum((0, 1)),
+    "swapaxes": lambda x, m: x.swapaxes(0, 1),
+    "take": lambda x, m: x.take([3, 0]) + x.take(np.array([1, 2]), axis=-1),
+    "trace": lambda x, m: x.trace(),
+    "transpose": lambda x, m: x.transpose(),
+    "var": lambda x, m: x.var() + x.var(axis=-1) + m.var(axis=-1),
+}
+# Attributes, and methods that are refused or have no meaning for a task.
+_OTHERS = {
+    *("T", "conj", "data", "device", "dtype", "imag", "item", "itemsize", "mT", "nbytes", "ndim"),
+    *("nonzero", "put", "real", "resize", "shape", "size", "sort", "tolist", "view"),
+}
+
+
+@pytest.mark.parametrize("name", _METHODS)
+def test_a_method_that_tensors_have_too_gives_numpys_values(name: str) -> None:
+    x = np.random.RandomState(0).uniform(-1, 1, (4, 3)).astype(np.float32)
+    expected = _METHODS[name](x, x > 0)
+    found = _METHODS[name](_on_device(x), _on_device(x > 0))
+    assert tuple(found.shape) == np.shape(expected)
+    np.testing.assert_allclose(as_numpy(found), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_every_shared_method_is_tested_above() -> None:
+    shared = {name for name in dir(np.ndarray) if hasattr(torch.Tensor, name)}
+    assert {name for name in shared if not name.startswith("_")} <= set(_METHODS) | _OTHERS
+
+
+def test_masks_count_as_numbers_beside_numbers() -> None:
+    x = np.random.RandomState(0).uniform(-1, 1, (4, 3)).astype(np.float32)
+
+    def compute(x: Any, m: Any) -> list[Any]:
+        return [1 - m, m - 1, x - m, np.ones(3) - m, np.subtract(m, x), m @ x.T, np.dot(m, x[0])]
+
+    found = compute(_on_device(x), _on_device(x > 0))
+    for ours, theirs in zip(found, compute(x, x > 0), strict=True):
+        np.testing.assert_allclose(as_numpy(ours), theirs, rtol=1e-5, atol=1e-6)
+    with pytest.raises(RuntimeError, match="two bool tensors is not supported"):  # nor by NumPy
+        _on_device(x > 0) - _on_device(x > 0)
 
 
 def test_an_ndarray_is_never_changed_in_place() -> None:

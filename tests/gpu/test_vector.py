@@ -1,5 +1,6 @@
 """The vector environment of tensors: resets, steps, modes, info, saved rows, and bad input."""
 
+import io
 from collections.abc import Iterator
 from typing import Any
 
@@ -244,7 +245,10 @@ def test_a_wrong_action_repeat_is_refused(repeat: Any) -> None:
 def test_a_state_dict_continues_with_the_same_bits(cheetah: Any) -> None:
     cheetah.reset(seed=0)
     cheetah.step(_actions(cheetah))
-    saved = cheetah.state_dict()
+    file = io.BytesIO()
+    torch.save(cheetah.state_dict(), file)
+    file.seek(0)
+    saved = torch.load(file)
     expected = [cheetah.step(_actions(cheetah, 0.1 * i))[:4] for i in range(9)]
     other = _envs(time_limit=_SHORT, seed=77)
     observations = other.load_state_dict(saved)
@@ -252,8 +256,16 @@ def test_a_state_dict_continues_with_the_same_bits(cheetah: Any) -> None:
     for i, results in enumerate(expected):
         for found, value in zip(other.step(_actions(other, 0.1 * i))[:4], results, strict=True):
             np.testing.assert_array_equal(as_numpy(found), as_numpy(value))
-    with pytest.raises(ValueError, match="the state has rows of shape"):
-        other.load_state_dict({**saved, "rows": saved["rows"][:2]})
+    before = other.state_dict()["rows"]
+    for wrong, message in (
+        ({**saved, "rows": saved["rows"][:2]}, "the state has rows of shape"),
+        ({**saved, "steps": saved["steps"][:2]}, "the state has steps of shape"),
+        ({name: saved[name] for name in saved if name != "head"}, r"it lacks \['head'\]"),
+        (None, "expected the result of state_dict; got None"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            other.load_state_dict(wrong)
+    np.testing.assert_array_equal(as_numpy(other.state_dict()["rows"]), as_numpy(before))
     other.close()
 
 
@@ -289,6 +301,10 @@ def test_bad_resets_are_refused(cheetah: Any) -> None:
         ({"environment_kwargs": {"legacy_step": False}}, ValueError, "legacy_step is False"),
         ({"autoreset_mode": "SameStop"}, ValueError, "Did you mean 'SameStep'"),
         ({"nconmax": 0}, ValueError, "nconmax is 0"),
+        ({"pixels": False}, ValueError, "pixels is False: no pictures"),
+        ({"starts_per_step": -1}, ValueError, "starts_per_step is -1; expected a finite number"),
+        ({"starts_per_step": float("inf")}, ValueError, "starts_per_step is inf; expected"),
+        ({"starts_per_step": float("nan")}, ValueError, "starts_per_step is nan; expected"),
         ({"num_thread": 2}, TypeError, "there is no argument 'num_thread'"),
         ({"rows": 0}, ValueError, "num_envs is 0"),
         ({"rows": 10**9}, MemoryError, "num_envs is 1000000000, which takes"),

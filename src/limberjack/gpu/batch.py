@@ -18,12 +18,11 @@ import copy
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import torch
@@ -107,7 +106,8 @@ class BatchState(TypedDict):
       ring, head, tail: the ring of starts, the number of the next one to use, and of the next one
         to replace.
       owed: number of new starts that are due, perhaps fractional.
-      random: state of the stream that later seeds are drawn from.
+      random: kind, key and the rest of the state of the stream that later seeds are drawn from; the
+        key is a tensor, since `torch.load` refuses NumPy's arrays by default.
       seeds: of the rows.
     """
 
@@ -120,7 +120,7 @@ class BatchState(TypedDict):
     head: torch.Tensor
     tail: int
     owed: float
-    random: dict[str, object] | tuple[str, npt.NDArray[np.uint32], int, int, float]
+    random: dict[str, object]
     seeds: list[int]
 
 
@@ -366,7 +366,7 @@ class DeviceBatch:
                 self.task.get_termination(self.physics)
                 if terms and getattr(self.task, "GOAL", ()):
                     self.task.is_success(terms)
-        except (TypeError, AttributeError) as error:
+        except (TypeError, AttributeError, RuntimeError, ValueError, IndexError) as error:
             raise TypeError(f"task {name} cannot run on a device: {error}") from error
 
     def _check_shared(self, values: np.ndarray) -> None:
@@ -397,7 +397,7 @@ class DeviceBatch:
                 "head": self._ring.head.clone(),
                 "tail": self._ring.tail,
                 "owed": self._owed,
-                "random": self._random.get_state(),
+                "random": _saved_stream(self._random),
                 "seeds": list(self.seeds),
             }
 
@@ -412,7 +412,7 @@ class DeviceBatch:
             self._ring.head.copy_(state["head"])
             self.simulation.first_half()
         self._ring.tail, self._owed = state["tail"], state["owed"]
-        self._random.set_state(state["random"])
+        _restore_stream(self._random, state["random"])
         self.seeds = list(state["seeds"])
 
     def parts(self) -> list[str]:
@@ -543,6 +543,17 @@ def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
         diverged=total.diverged | (outcome.diverged & ~done),
         overflow=total.overflow | (outcome.overflow & ~done),
     )
+
+
+def _saved_stream(random: np.random.RandomState) -> dict[str, object]:
+    """The state of a stream in numbers and a tensor."""
+    kind, key, *rest = random.get_state(legacy=True)
+    return {"kind": kind, "key": torch.from_numpy(key.astype(np.int64)), "rest": rest}
+
+
+def _restore_stream(random: np.random.RandomState, saved: Mapping[str, Any]) -> None:
+    key = saved["key"].cpu().numpy().astype(np.uint32)
+    random.set_state((saved["kind"], key, *saved["rest"]))
 
 
 def usual_starts_per_step(num_envs: int, step_limit: float) -> float:

@@ -28,7 +28,8 @@ _UFUNCS: dict[str, _Function] = {
     "conjugate": torch.conj,
     "degrees": torch.rad2deg,
     "equal": torch.eq,
-    "float_power": torch.pow,  # torch's own is in float64
+    "fabs": torch.abs,
+    "float_power": lambda x, y: torch.pow(_as_float(x), y),  # torch's own is in float64
     "invert": torch.bitwise_not,
     "left_shift": torch.bitwise_left_shift,
     "modf": lambda x: (torch.frac(x), torch.trunc(x)),
@@ -90,7 +91,7 @@ def dtype_of(dtype: _Type) -> torch.dtype:
 
 
 def _reduction(name: str, default_axis: int | None = None) -> _Function:
-    reduce = getattr(torch, name)
+    reduce = _product if name == "prod" else getattr(torch, name)
 
     def compute(
         x: torch.Tensor,
@@ -98,12 +99,23 @@ def _reduction(name: str, default_axis: int | None = None) -> _Function:
         dtype: _Type | None = None,
         keepdims: bool = False,
     ) -> torch.Tensor:
-        if name == "prod" and axis is None:  # torch multiplies along one axis only
-            x, axis = x.reshape(-1), 0
+        if name == "mean":
+            x = _as_float(x)
         result = reduce(x, _axes(x, axis), keepdim=keepdims)
         return result if dtype is None else result.to(dtype_of(dtype))
 
     return compute
+
+
+def _product(x: torch.Tensor, axes: int | tuple[int, ...], keepdim: bool) -> torch.Tensor:
+    for axis in _sorted(axes, x.ndim)[::-1]:  # torch multiplies along one axis only
+        x = torch.prod(x, axis, keepdim=keepdim)
+    return x
+
+
+def _sorted(axes: int | tuple[int, ...], ndim: int) -> list[int]:
+    """Axes of an array of `ndim` axes, counted from the first one."""
+    return sorted(axis % ndim for axis in (axes if isinstance(axes, tuple) else (axes,)))
 
 
 def _axes(x: torch.Tensor, axis: Axis) -> int | tuple[int, ...]:
@@ -116,9 +128,14 @@ def _moment(name: str) -> _Function:
     def compute(
         x: torch.Tensor, axis: Axis = None, ddof: int = 0, keepdims: bool = False
     ) -> torch.Tensor:
-        return reduce(x, _axes(x, axis), correction=ddof, keepdim=keepdims)
+        return reduce(_as_float(x), _axes(x, axis), correction=ddof, keepdim=keepdims)
 
     return compute
+
+
+def _as_float(x: torch.Tensor) -> torch.Tensor:
+    """The numbers as floats, of which torch takes means: the mean of a mask is a fraction."""
+    return x if x.is_floating_point() else x.to(torch.float32)
 
 
 def _arg(name: str) -> _Function:
@@ -129,8 +146,9 @@ def _arg(name: str) -> _Function:
 def _norm(
     x: torch.Tensor, ord: float | str | None = None, axis: Axis = None, keepdims: bool = False
 ) -> torch.Tensor:
+    x = _as_float(x)
     if axis is None and ord is None:
-        x, axis = x.reshape(-1), -1
+        return torch.linalg.vector_norm(x, keepdim=keepdims)
     return torch.linalg.norm(x, ord, axis, keepdims)
 
 
@@ -164,6 +182,8 @@ def _where(condition: torch.Tensor | bool, x: torch.Tensor, y: torch.Tensor) -> 
     if not isinstance(condition, torch.Tensor):
         like = x if isinstance(x, torch.Tensor) else y
         condition = torch.full((), condition, dtype=torch.bool, device=like.device)
+    if condition.dtype != torch.bool:
+        condition = condition != 0
     return torch.where(condition, x, y)  # numbers stay numbers: copying them would wait
 
 
@@ -182,8 +202,45 @@ def _cross(a: torch.Tensor, b: torch.Tensor, axis: int = -1) -> torch.Tensor:
     return torch.linalg.cross(*torch.broadcast_tensors(a, b), dim=axis)
 
 
+def _concatenate(arrays: Sequence[torch.Tensor], axis: int | None = 0) -> torch.Tensor:
+    if axis is None:
+        return torch.cat([torch.ravel(each) for each in arrays])
+    return torch.cat(tuple(arrays), axis)
+
+
+def _cumsum(x: torch.Tensor, axis: int | None = None) -> torch.Tensor:
+    return torch.cumsum(x.reshape(-1), 0) if axis is None else torch.cumsum(x, axis)
+
+
+def _expand_dims(x: torch.Tensor, axis: int | tuple[int, ...]) -> torch.Tensor:
+    count = len(axis) if isinstance(axis, tuple) else 1
+    for each in _sorted(axis, x.ndim + count):
+        x = torch.unsqueeze(x, each)
+    return x
+
+
+def _flip(x: torch.Tensor, axis: Axis = None) -> torch.Tensor:
+    return torch.flip(x, _sorted(_axes(x, axis), x.ndim))
+
+
+def _nan_to_num(
+    x: torch.Tensor,
+    copy: bool = True,
+    nan: float = 0.0,
+    posinf: float | None = None,
+    neginf: float | None = None,
+) -> torch.Tensor:
+    return torch.nan_to_num(x, nan, posinf, neginf)
+
+
 def _split(x: torch.Tensor, sections: int | list[int], axis: int = 0) -> list[torch.Tensor]:
     return list(torch.tensor_split(x, sections, dim=axis))
+
+
+def _take(x: torch.Tensor, indices: object, axis: int | None = None) -> torch.Tensor:
+    if axis is None:
+        x, axis = x.reshape(-1), 0
+    return x[(slice(None),) * (axis % x.ndim) + (indices,)]
 
 
 def _transpose(x: torch.Tensor, axes: Sequence[int] | None = None) -> torch.Tensor:
@@ -205,17 +262,17 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.atleast_1d: torch.atleast_1d,
     np.broadcast_to: lambda array, shape: torch.broadcast_to(array, shape),
     np.clip: _clip,
-    np.concatenate: lambda arrays, axis=0: torch.cat(arrays, axis),
+    np.concatenate: _concatenate,
     np.copy: lambda a: a.clone(),
     np.copyto: lambda dst, src: dst.copy_(src),
     np.cross: _cross,
-    np.cumsum: lambda a, axis: torch.cumsum(a, axis),
+    np.cumsum: _cumsum,
     np.diff: lambda a, n=1, axis=-1: torch.diff(a, n, axis),
     np.dot: _dot,
     np.einsum: lambda text, *arrays: torch.einsum(text, *arrays),
     np.empty_like: _like(0),
-    np.expand_dims: lambda a, axis: torch.unsqueeze(a, axis),
-    np.flip: lambda m, axis: torch.flip(m, (axis,) if isinstance(axis, int) else axis),
+    np.expand_dims: _expand_dims,
+    np.flip: _flip,
     np.full_like: _full_like,
     np.hstack: torch.hstack,
     np.linalg.norm: _norm,
@@ -223,7 +280,7 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.mean: _reduction("mean"),
     np.min: _reduction("amin"),
     np.moveaxis: torch.movedim,
-    np.nan_to_num: lambda x, nan=0.0: torch.nan_to_num(x, nan),
+    np.nan_to_num: _nan_to_num,
     np.ndim: lambda a: a.ndim,
     np.ones_like: _like(1),
     np.prod: _reduction("prod"),
@@ -239,6 +296,7 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.std: _moment("std"),
     np.sum: _reduction("sum"),
     np.swapaxes: torch.swapaxes,
+    np.take: _take,
     np.take_along_axis: lambda arr, indices, axis: torch.take_along_dim(arr, indices, axis),
     np.transpose: _transpose,
     np.tile: lambda x, reps: torch.tile(x, (reps,) if isinstance(reps, int) else reps),

@@ -37,6 +37,7 @@ _INSTEAD = {
     "`in`": "compare, and use .any(axis=-1)",
     "item()": "use the array itself",
     "tolist()": "use the array itself",
+    "nonzero()": "use the mask itself, in np.where or as an index",
     "np.asarray()": "use the array itself, or np.stack and arrays.concat to join several",
 }
 
@@ -55,6 +56,8 @@ class DeviceArray(torch.Tensor):
         kwargs: Mapping[str, object] | None = None,
     ) -> object:
         kwargs = kwargs or {}
+        if func in _SUBTRACTIONS or func in _PRODUCTS:
+            args = _of_fitting_types(func, args)
         like = _first(args)
         if like is not None and any(isinstance(a, _FOREIGN) for a in (*args, *kwargs.values())):
             if func in _INDEXING:
@@ -97,7 +100,11 @@ class DeviceArray(torch.Tensor):
             return _written(_operand(args[1], self), args[0], name)
         given = [_converted(each, self) for each in args]
         named = {key: _converted(each, self) for key, each in kwargs.items() if key != "out"}
-        return _written(compute(*given, **named), kwargs.get("out"), name)
+        try:
+            result = compute(*given, **named)
+        except (TypeError, RuntimeError) as error:
+            raise TypeError(f"{name} on a device: {error}") from error
+        return _written(result, kwargs.get("out"), name)
 
     def as_index(self, positions: np.ndarray) -> "DeviceArray":
         """Positions as an index on this array's device; see `limberjack.utils.arrays.index_for`."""
@@ -113,6 +120,10 @@ class DeviceArray(torch.Tensor):
         """A copy."""
         return self.clone()
 
+    def cumsum(self, axis: int | None = None) -> torch.Tensor:
+        """Sums up to each element along an axis, or of all."""
+        return np.cumsum(self, axis)
+
     def dot(self, other: torch.Tensor) -> torch.Tensor:
         """As `np.dot` for vectors and matrices."""
         return np.dot(self, other)
@@ -121,13 +132,53 @@ class DeviceArray(torch.Tensor):
         """The largest element along an axis, or of all."""
         return np.max(self, axis, keepdims=keepdims)
 
+    def mean(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
+        """The mean along an axis, or of all."""
+        return np.mean(self, axis, keepdims=keepdims)
+
     def min(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
         """The smallest element along an axis, or of all."""
         return np.min(self, axis, keepdims=keepdims)
 
+    def nonzero(self) -> NoReturn:
+        """Refuses."""
+        _refuse("nonzero()")
+
+    def prod(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
+        """The product along an axis, or of all."""
+        return np.prod(self, axis, keepdims=keepdims)
+
+    def put(self, *args: object, **kwargs: object) -> NoReturn:
+        """Refuses: NumPy writes in place, and a tensor's own method does not."""
+        functions.refuse("the method put()", "an assignment, as in x[..., 0] = y")
+
+    def repeat(self, repeats: int, axis: int | None = None) -> torch.Tensor:
+        """Each element several times; a tensor's own method would repeat the whole."""
+        return np.repeat(self, repeats, axis)
+
+    def sort(self, axis: int = -1) -> NoReturn:
+        """Refuses: NumPy sorts in place, and a tensor's own method does not."""
+        functions.refuse("the method sort()", "np.sort, which returns a new array")
+
+    def std(
+        self, axis: functions.Axis = None, *, ddof: int = 0, keepdims: bool = False
+    ) -> torch.Tensor:
+        """The standard deviation; a tensor's own method would divide by n - 1."""
+        return np.std(self, axis, ddof=ddof, keepdims=keepdims)
+
+    def take(self, indices: npt.ArrayLike, axis: int | None = None) -> torch.Tensor:
+        """Elements at positions along an axis, or of the flattened array."""
+        return np.take(self, indices, axis)
+
     def transpose(self, *axes: int | Sequence[int]) -> torch.Tensor:
         """The array with its axes in another order."""
         return np.transpose(self, np.ravel(axes).tolist() or None)
+
+    def var(
+        self, axis: functions.Axis = None, *, ddof: int = 0, keepdims: bool = False
+    ) -> torch.Tensor:
+        """The variance; a tensor's own method would divide by n - 1."""
+        return np.var(self, axis, ddof=ddof, keepdims=keepdims)
 
     # Operations that would wait for the device.
 
@@ -188,7 +239,29 @@ def _constant(content: bytes, dtype: str, shape: tuple[int, ...], device: str) -
 
 
 _FOREIGN = (np.ndarray, np.generic, list, tuple)
+# Operators that NumPy has for masks and numbers together, and torch has not.
+_SUBTRACTIONS = {
+    *(torch.Tensor.sub, torch.Tensor.sub_, torch.Tensor.__rsub__, torch.sub, torch.subtract)
+}
+_PRODUCTS = {
+    *(torch.Tensor.matmul, torch.matmul, torch.einsum, torch.tensordot, torch.linalg.vecdot)
+}
 _INDEXING = (torch.Tensor.__getitem__, torch.Tensor.__setitem__)
+
+
+def _of_fitting_types(func: object, args: Sequence[object]) -> Sequence[object]:
+    """The operands of an operator, with masks as numbers, and of one type for a product."""
+    given = [arg for arg in args if isinstance(arg, torch.Tensor)]
+    if func in _SUBTRACTIONS:
+        is_mask = [isinstance(arg, torch.Tensor) and arg.dtype == torch.bool for arg in args]
+        if all(is_mask):  # NumPy refuses this too
+            return args
+        pairs = zip(args, is_mask, strict=True)
+        return tuple(arg.to(torch.int64) if masks else arg for arg, masks in pairs)
+    if len({each.dtype for each in given}) < 2:
+        return args
+    kind = functools.reduce(torch.promote_types, (each.dtype for each in given))
+    return tuple(arg.to(kind) if isinstance(arg, torch.Tensor) else arg for arg in args)
 
 
 def _first(args: Iterable[object]) -> torch.Tensor | None:

@@ -14,6 +14,7 @@ docs/gpu.md describes what equals the CPU, and how closely.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import SupportsIndex
 
@@ -358,14 +359,19 @@ def _snapshot_of(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
 
 def _check_state(batch: DeviceBatch, state: BatchState) -> None:
     """Raises ValueError unless a batch can continue from the result of its `state_dict`."""
-    rows = state.get("rows")
-    shape = None if rows is None else tuple(rows.shape)
-    expected = (batch.num_envs, batch.starts.width)
-    if shape != expected or state.get("parts") != batch.parts():
-        raise ValueError(
-            f"the state has rows of shape {shape}; expected {expected}, of the same task with the "
-            "same number of environments; nothing was loaded"
-        )
+    if not isinstance(state, Mapping) or (missing := BatchState.__required_keys__ - state.keys()):
+        what = f"it lacks {sorted(missing)}" if isinstance(state, Mapping) else f"got {state!r}"
+        raise ValueError(f"expected the result of state_dict; {what}; nothing was loaded")
+    rows, width = batch.num_envs, batch.starts.width
+    shapes = {"rows": (rows, width), "ring": (rows, width)}
+    shapes |= dict.fromkeys(("steps", "terminated", "truncated"), (rows,))
+    for name, expected in shapes.items():
+        shape = tuple(state[name].shape)
+        if shape != expected or state["parts"] != batch.parts():
+            raise ValueError(
+                f"the state has {name} of shape {shape}; expected {expected}, of the same task "
+                "with the same number of environments; nothing was loaded"
+            )
 
 
 def _states(official: mujoco.MjModel, fields: Mapping[str, np.ndarray], count: int) -> np.ndarray:
@@ -442,8 +448,9 @@ def load_vector(
     """
     of_environment = arguments.environment_arguments(environment_kwargs, randomize=randomize)
     for name, value in (("pixels", pixels), ("render_mode", render_mode)):
-        if value is not None or of_environment.get(name) is not None:
-            raise ValueError(f"{name} is {value or of_environment[name]!r}: {_NO_PICTURES}")
+        given = of_environment.get(name) if value is None else value
+        if given is not None:
+            raise ValueError(f"{name} is {given!r}: {_NO_PICTURES}")
     num_envs = at_least_one("num_envs", num_envs)
     if action_repeat is not None:
         at_least_one("action_repeat", action_repeat)
@@ -459,6 +466,10 @@ def load_vector(
         raise ValueError(f"{options} are not for devices: use the CPU, limberjack.gym.load_vector")
     if starts_per_step is None:
         starts_per_step = usual_starts_per_step(num_envs, environment._step_limit)
+    if not 0 <= starts_per_step < math.inf:
+        raise ValueError(
+            f"starts_per_step is {starts_per_step}; expected a finite number, at least 0"
+        )
     options = Options(
         _sizes(suite.load(domain, task, {**of_task, "random": 0}, of_environment), nconmax, njmax),
         float(starts_per_step),
