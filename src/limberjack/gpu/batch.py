@@ -18,7 +18,7 @@ import copy
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, TypedDict
 
 import mujoco
@@ -96,6 +96,14 @@ class Outcome:
     overflow: torch.Tensor
 
 
+class _Stream(TypedDict):
+    """The state of a `RandomState`, whose key `torch.load` reads as a tensor only."""
+
+    key: torch.Tensor
+    position: int
+    gauss: tuple[int, float]
+
+
 class BatchState(TypedDict):
     """The result of `DeviceBatch.state_dict`.
 
@@ -106,8 +114,7 @@ class BatchState(TypedDict):
       ring, head, tail: the ring of starts, the number of the next one to use, and of the next one
         to replace.
       owed: number of new starts that are due, perhaps fractional.
-      random: kind, key and the rest of the state of the stream that later seeds are drawn from; the
-        key is a tensor, since `torch.load` refuses NumPy's arrays by default.
+      random: of the stream that later seeds are drawn from.
       seeds: of the rows.
     """
 
@@ -120,7 +127,7 @@ class BatchState(TypedDict):
     head: torch.Tensor
     tail: int
     owed: float
-    random: dict[str, object]
+    random: _Stream
     seeds: list[int]
 
 
@@ -545,15 +552,15 @@ def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
     )
 
 
-def _saved_stream(random: np.random.RandomState) -> dict[str, object]:
-    """The state of a stream in numbers and a tensor."""
-    kind, key, *rest = random.get_state(legacy=True)
-    return {"kind": kind, "key": torch.from_numpy(key.astype(np.int64)), "rest": rest}
+def _saved_stream(random: np.random.RandomState) -> _Stream:
+    _, key, position, has_gauss, gauss = random.get_state(legacy=True)
+    numbers = torch.from_numpy(np.asarray(key, np.int64))
+    return {"key": numbers, "position": int(position), "gauss": (int(has_gauss), float(gauss))}
 
 
-def _restore_stream(random: np.random.RandomState, saved: Mapping[str, Any]) -> None:
+def _restore_stream(random: np.random.RandomState, saved: _Stream) -> None:
     key = saved["key"].cpu().numpy().astype(np.uint32)
-    random.set_state((saved["kind"], key, *saved["rest"]))
+    random.set_state(("MT19937", key, saved["position"], *saved["gauss"]))
 
 
 def usual_starts_per_step(num_envs: int, step_limit: float) -> float:

@@ -177,8 +177,8 @@ def _clip(
     return x if high is None else torch.minimum(x, _number(high))
 
 
-def _where(condition: torch.Tensor | bool, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
-    # x or y may also be a number.
+def _where(condition: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    # Each may also be a number.
     if not isinstance(condition, torch.Tensor):
         like = x if isinstance(x, torch.Tensor) else y
         condition = torch.full((), condition, dtype=torch.bool, device=like.device)

@@ -52,7 +52,7 @@ class DeviceArray(torch.Tensor):
         cls,
         func: Callable[..., object],
         types: Iterable[type],
-        args: Sequence[object] = (),
+        args: Sequence[torch.Tensor] = (),  # or numbers, arrays and indices
         kwargs: Mapping[str, object] | None = None,
     ) -> object:
         kwargs = kwargs or {}
@@ -166,7 +166,7 @@ class DeviceArray(torch.Tensor):
         """The standard deviation; a tensor's own method would divide by n - 1."""
         return np.std(self, axis, ddof=ddof, keepdims=keepdims)
 
-    def take(self, indices: npt.ArrayLike, axis: int | None = None) -> torch.Tensor:
+    def take(self, indices: Sequence[int] | np.ndarray, axis: int | None = None) -> torch.Tensor:
         """Elements at positions along an axis, or of the flattened array."""
         return np.take(self, indices, axis)
 
@@ -249,7 +249,7 @@ _PRODUCTS = {
 _INDEXING = (torch.Tensor.__getitem__, torch.Tensor.__setitem__)
 
 
-def _of_fitting_types(func: object, args: Sequence[object]) -> Sequence[object]:
+def _of_fitting_types(func: object, args: Sequence[torch.Tensor]) -> Sequence[torch.Tensor]:
     """The operands of an operator, with masks as numbers, and of one type for a product."""
     given = [arg for arg in args if isinstance(arg, torch.Tensor)]
     if func in _SUBTRACTIONS:

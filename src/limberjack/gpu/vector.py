@@ -359,9 +359,13 @@ def _snapshot_of(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
 
 def _check_state(batch: DeviceBatch, state: BatchState) -> None:
     """Raises ValueError unless a batch can continue from the result of its `state_dict`."""
-    if not isinstance(state, Mapping) or (missing := BatchState.__required_keys__ - state.keys()):
-        what = f"it lacks {sorted(missing)}" if isinstance(state, Mapping) else f"got {state!r}"
-        raise ValueError(f"expected the result of state_dict; {what}; nothing was loaded")
+    if not isinstance(state, Mapping):
+        raise ValueError(f"expected the result of state_dict; got {state!r}; nothing was loaded")
+    missing = BatchState.__required_keys__ - state.keys()
+    if missing:
+        raise ValueError(
+            f"expected the result of state_dict; it lacks {sorted(missing)}; nothing was loaded"
+        )
     rows, width = batch.num_envs, batch.starts.width
     shapes = {"rows": (rows, width), "ring": (rows, width)}
     shapes |= dict.fromkeys(("steps", "terminated", "truncated"), (rows,))
