@@ -12,6 +12,8 @@ Row i's first episode is that of `RandomState(seed + i)`, as on the CPU. Later e
 starts from a ring buffer of `num_envs` starts, the oldest first. Control steps replace the oldest
 starts by new ones, whose seeds come from a separate random stream. By default there are as many new
 starts as episodes that last until the time limit need.
+
+It is one idea, and long: the ring of starts and the rows of numbers serve this class alone.
 """
 
 import copy
