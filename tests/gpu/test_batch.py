@@ -173,6 +173,15 @@ def test_code_that_leaves_the_protocols_is_refused_with_the_tasks_name(
         _batch(Wrong(random=0))
 
 
+def test_a_lack_of_memory_is_not_the_codes_fault() -> None:
+    class Greedy(_Glide):
+        def get_reward(self, physics: Any) -> Any:
+            raise torch.cuda.OutOfMemoryError("no room")
+
+    with pytest.raises(torch.cuda.OutOfMemoryError, match="no room"):
+        _batch(Greedy(random=0))
+
+
 def test_sizes_of_sites_that_sensors_measure_within_cannot_differ() -> None:
     environment = suite.load("finger", "turn_easy")
     initialize = type(environment.task).initialize_episode

@@ -104,6 +104,11 @@ def test_shapes_are_known_and_arrays_are_copied_into() -> None:
     assert (np.shape(x), np.ndim(x), np.empty_like(x).shape) == ((4, 3), 2, (4, 3))
     np.copyto(x, _Y)
     np.testing.assert_array_equal(as_numpy(x), _Y)
+    np.copyto(x, 0.0, where=x > 0.5)
+    np.testing.assert_array_equal(as_numpy(x), np.where(_Y > 0.5, np.float32(0), _Y))
+    x[0] = np.nan
+    np.nan_to_num(x, copy=False)
+    assert not as_numpy(x)[0].any()
 
 
 def test_a_function_without_a_counterpart_is_refused_with_the_nearest_one() -> None:

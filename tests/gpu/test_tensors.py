@@ -58,6 +58,7 @@ def test_what_a_strict_array_allows_gives_numpys_values(number: int) -> None:
         (lambda x: x.astype(str), "arrays on a device hold numbers"),
         (lambda x: x.sort(), "the method sort() is not available for arrays on a device. Use np.s"),
         (lambda x: x.put([0], 1.0), "the method put() is not available for arrays on a device."),
+        (lambda x: x.resize((3, 4)), "the method resize() is not available for arrays on a device"),
         (lambda x: (x > 0).nonzero(), "nonzero() would take"),
         (lambda x: np.sum(x, axis=-1, initial=1.0), "np.sum on a device: "),
     ],
@@ -113,6 +114,7 @@ def test_a_method_that_tensors_have_too_gives_numpys_values(name: str) -> None:
     expected = _METHODS[name](x, x > 0)
     found = _METHODS[name](_on_device(x), _on_device(x > 0))
     assert tuple(found.shape) == np.shape(expected)
+    # float32 in another order of operations; the values are of the order of one.
     np.testing.assert_allclose(as_numpy(found), expected, rtol=1e-5, atol=1e-6)
 
 
@@ -129,6 +131,7 @@ def test_masks_count_as_numbers_beside_numbers() -> None:
 
     found = compute(_on_device(x), _on_device(x > 0))
     for ours, theirs in zip(found, compute(x, x > 0), strict=True):
+        # float32 beside float64, which NumPy makes of masks; the values are of the order of one.
         np.testing.assert_allclose(as_numpy(ours), theirs, rtol=1e-5, atol=1e-6)
     with pytest.raises(RuntimeError, match="two bool tensors is not supported"):  # nor by NumPy
         _on_device(x > 0) - _on_device(x > 0)

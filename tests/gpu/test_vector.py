@@ -262,6 +262,9 @@ def test_a_state_dict_continues_with_the_same_bits(cheetah: Any) -> None:
         ({**saved, "steps": saved["steps"][:2]}, "the state has steps of shape"),
         ({name: saved[name] for name in saved if name != "head"}, r"it lacks \['head'\]"),
         (None, "expected the result of state_dict; got None"),
+        ({**saved, "ring": None}, "the state has ring of shape"),
+        ({**saved, "random": ("MT19937",)}, "the random stream of the state is damaged"),
+        ({**saved, "parts": ["other", *saved["parts"][1:]]}, r"the state is of \['other'\]; exp"),
     ):
         with pytest.raises(ValueError, match=message):
             other.load_state_dict(wrong)

@@ -116,7 +116,7 @@ class BatchState(TypedDict):
       ring, head, tail: the ring of starts, the number of the next one to use, and of the next one
         to replace.
       owed: number of new starts that are due, perhaps fractional.
-      random: of the stream that later seeds are drawn from.
+      random: state of the stream that later seeds are drawn from.
       seeds: of the rows.
     """
 
@@ -375,6 +375,8 @@ class DeviceBatch:
                 self.task.get_termination(self.physics)
                 if terms and getattr(self.task, "GOAL", ()):
                     self.task.is_success(terms)
+        except torch.cuda.OutOfMemoryError:  # a RuntimeError that is not the code's
+            raise
         except (TypeError, AttributeError, RuntimeError, ValueError, IndexError) as error:
             raise TypeError(f"task {name} cannot run on a device: {error}") from error
 
@@ -412,6 +414,7 @@ class DeviceBatch:
 
     def load_state_dict(self, state: BatchState) -> None:
         """Continues from the result of `state_dict` of a batch of the same task and size."""
+        random = _stream(state["random"])  # raises before anything is loaded
         with self.simulation.scope():
             rows = state["rows"].to(self.device)
             self._rows.write(~self._none, rows)
@@ -421,7 +424,7 @@ class DeviceBatch:
             self._ring.head.copy_(state["head"])
             self.simulation.first_half()
         self._ring.tail, self._owed = state["tail"], state["owed"]
-        _restore_stream(self._random, state["random"])
+        self._random = random
         self.seeds = list(state["seeds"])
 
     def parts(self) -> list[str]:
@@ -560,9 +563,17 @@ def _saved_stream(random: np.random.RandomState) -> _Stream:
     return {"key": numbers, "position": int(position), "gauss": (int(has_gauss), float(gauss))}
 
 
-def _restore_stream(random: np.random.RandomState, saved: _Stream) -> None:
-    key = saved["key"].cpu().numpy().astype(np.uint32)
-    random.set_state(("MT19937", key, saved["position"], *saved["gauss"]))
+def _stream(saved: _Stream) -> np.random.RandomState:
+    random = np.random.RandomState()
+    try:
+        key = saved["key"].cpu().numpy().astype(np.uint32)
+        random.set_state(("MT19937", key, saved["position"], *saved["gauss"]))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"the random stream of the state is damaged, or of an earlier version ({error!r}); "
+            "nothing was loaded"
+        ) from error
+    return random
 
 
 def usual_starts_per_step(num_envs: int, step_limit: float) -> float:

@@ -230,7 +230,8 @@ def _nan_to_num(
     posinf: float | None = None,
     neginf: float | None = None,
 ) -> torch.Tensor:
-    return torch.nan_to_num(x, nan, posinf, neginf)
+    result = torch.nan_to_num(x, nan, posinf, neginf)
+    return result if copy else x.copy_(result)
 
 
 def _split(x: torch.Tensor, sections: int | list[int], axis: int = 0) -> list[torch.Tensor]:

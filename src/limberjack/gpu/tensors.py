@@ -97,12 +97,17 @@ class DeviceArray(torch.Tensor):
         if compute is None:
             functions.refuse(name)
         if function is np.copyto:
-            return _written(_operand(args[1], self), args[0], name)
+            target, source = args[0], _operand(args[1], self)
+            if "where" in kwargs:
+                source = torch.where(
+                    _operand(kwargs["where"], self), source, _operand(target, self)
+                )
+            return _written(source, target, name)
         given = [_converted(each, self) for each in args]
         named = {key: _converted(each, self) for key, each in kwargs.items() if key != "out"}
         try:
             result = compute(*given, **named)
-        except (TypeError, RuntimeError) as error:
+        except TypeError as error:
             raise TypeError(f"{name} on a device: {error}") from error
         return _written(result, kwargs.get("out"), name)
 
@@ -155,6 +160,10 @@ class DeviceArray(torch.Tensor):
     def repeat(self, repeats: int, axis: int | None = None) -> torch.Tensor:
         """Each element several times; a tensor's own method would repeat the whole."""
         return np.repeat(self, repeats, axis)
+
+    def resize(self, *args: object, **kwargs: object) -> NoReturn:
+        """Refuses: NumPy changes the array, and a tensor's own method does not."""
+        functions.refuse("the method resize()", "np.reshape, which returns a new array")
 
     def sort(self, axis: int = -1) -> NoReturn:
         """Refuses: NumPy sorts in place, and a tensor's own method does not."""

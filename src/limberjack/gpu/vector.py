@@ -370,12 +370,17 @@ def _check_state(batch: DeviceBatch, state: BatchState) -> None:
     shapes = {"rows": (rows, width), "ring": (rows, width)}
     shapes |= dict.fromkeys(("steps", "terminated", "truncated"), (rows,))
     for name, expected in shapes.items():
-        shape = tuple(state[name].shape)
-        if shape != expected or state["parts"] != batch.parts():
+        shape = tuple(getattr(state[name], "shape", ()))
+        if shape != expected:
             raise ValueError(
                 f"the state has {name} of shape {shape}; expected {expected}, of the same task "
                 "with the same number of environments; nothing was loaded"
             )
+    if state["parts"] != batch.parts():
+        raise ValueError(
+            f"the state is of {state['parts'][:1]}; expected {batch.parts()[:1]}, of the same task "
+            "with the same fields for each row; nothing was loaded"
+        )
 
 
 def _states(official: mujoco.MjModel, fields: Mapping[str, np.ndarray], count: int) -> np.ndarray:
