@@ -1,5 +1,6 @@
 """`limberjack record`: films, and messages where there can be none."""
 
+import json
 import os
 import re
 import subprocess
@@ -16,6 +17,7 @@ import typer.testing
 from limberjack import data, policies, suite
 from limberjack.cli import app
 from limberjack.episodes.films import DepartedError
+from limberjack.utils import png
 from limberjack.utils.files import Hold
 from tests.policies import saved_models
 
@@ -334,6 +336,21 @@ def test_a_film_of_a_policy_that_fails_leaves_nothing_of_itself(
     assert "returned nan at index" in done.stderr
     assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["policies_that_fail.py"]
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_damaged_picture_of_the_background_is_named_in_one_line(tmp_path: Path) -> None:
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    (pictures / "1.png").write_bytes(png.encode(np.full((6, 8, 3), 7, np.uint8)))
+    (pictures / "2.png").write_bytes((pictures / "1.png").read_bytes()[:50])
+    appearance = json.dumps({"background": f"images:{pictures}", "dynamic": ["background"]})
+    done = _invoke(*_WALK, *_SIZE, "--appearance", appearance, "--out", tmp_path / "film.gif")
+    assert done.exit_code == 1
+    assert re.fullmatch(
+        r"limberjack: no .*film\.gif: the picture .*2\.png cannot be .*\n", done.stderr
+    )
+    assert list(tmp_path.iterdir()) == [pictures]
 
 
 @pytest.mark.usefixtures("pictures")

@@ -61,6 +61,7 @@ def test_what_a_strict_array_allows_gives_numpys_values(number: int) -> None:
         (lambda x: x.resize((3, 4)), "the method resize() is not available for arrays on a device"),
         (lambda x: (x > 0).nonzero(), "nonzero() would take"),
         (lambda x: np.sum(x, axis=-1, initial=1.0), "np.sum on a device: "),
+        (lambda x: x.__setitem__(np.s_[..., ::-1], x), "Use x[...] = y[..., ::-1]"),
     ],
 )
 def test_what_leaves_the_protocols_is_refused_with_a_replacement(
@@ -154,6 +155,25 @@ def test_elements_are_written_and_views_see_it() -> None:
     np.multiply(array, 2.0, out=array)
     np.testing.assert_array_equal(as_numpy(array), [[12, 12, 4], [16, 2, 4]])
     np.testing.assert_array_equal(as_numpy(row), [16, 2, 4])
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        np.s_[..., ::-1],
+        np.s_[::-1],
+        np.s_[:, 3:0:-2, None, ::-1],
+        np.s_[..., 10:-10:-1],
+        np.s_[..., 0:2:-1],
+        np.s_[::-1, ..., 1],
+        np.s_[:, [3, 0], ::-1],
+        np.s_[:, np.array([True, False, True, True]), ::-1],
+        np.s_[np.ones((2, 4), bool), ::-1],
+    ],
+)
+def test_slices_go_backwards(index: Any) -> None:
+    x = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
+    np.testing.assert_array_equal(as_numpy(_on_device(x)[index]), x[index])
 
 
 def test_numbers_and_constants_of_numpy_keep_float32() -> None:

@@ -252,7 +252,7 @@ def _show(
         show(session)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except (PolicyError, PhysicsError, ViewerError) as error:
+    except (PolicyError, PhysicsError, ViewerError, OSError) as error:
         complain(error)
         return FAILED
     except Exception as error:

@@ -58,6 +58,8 @@ class DeviceArray(torch.Tensor):
         kwargs = kwargs or {}
         if func in _SUBTRACTIONS or func in _PRODUCTS:
             args = _of_fitting_types(func, args)
+        if func in _INDEXING and _is_backward(args[1]):
+            args = _forwards(args)
         like = _first(args)
         if like is not None and any(isinstance(a, _FOREIGN) for a in (*args, *kwargs.values())):
             if func in _INDEXING:
@@ -317,6 +319,43 @@ def _index(key: object, like: torch.Tensor) -> object:
     if isinstance(key, list) and not any(isinstance(each, slice) for each in key):
         return constant(np.array(key, None if key else int), like.device)
     return _value(key, like)
+
+
+def _is_backward(key: object) -> bool:
+    """Whether an index has a slice with a negative step, which torch has not."""
+    return any(
+        isinstance(each, slice) and isinstance(each.step, int | np.integer) and each.step < 0
+        for each in (key if isinstance(key, tuple) else (key,))
+    )
+
+
+def _forwards(args: Sequence[torch.Tensor]) -> tuple[object, ...]:
+    """An array and an index without slices that go backwards: those of its axes are reversed."""
+    array, given, *values = args
+    if values:
+        functions.refuse("an assignment to a slice with a negative step", "x[...] = y[..., ::-1]")
+    key: tuple[object, ...] = given if isinstance(given, tuple) else (given,)
+    index, axis = list(key), 0
+    for place, each in enumerate(key):
+        if each is Ellipsis:
+            axis = array.ndim - sum(map(_axes_of, key[place + 1 :]))
+        elif isinstance(each, slice) and _is_backward(each):
+            start, stop, step = each.indices(array.shape[axis])
+            last = array.shape[axis] - 1
+            index[place] = slice(last - start, last - stop, -step)
+            array = array.flip(axis)
+        if each is not Ellipsis:
+            axis += _axes_of(each)
+    return array, tuple(index)
+
+
+def _axes_of(each: object) -> int:
+    """The number of axes that a part of an index selects from."""
+    if each is None or isinstance(each, bool):
+        return 0
+    if isinstance(each, torch.Tensor | np.ndarray) and each.dtype in (torch.bool, np.dtype(bool)):
+        return each.ndim
+    return 1
 
 
 def _written(result: object, out: object, name: str) -> object:

@@ -318,13 +318,15 @@ def test_an_environment_refuses_what_it_cannot_show(
         _single(appearance=appearance)
 
 
-def test_a_model_without_a_sky_has_no_background() -> None:
+def test_a_model_without_a_sky_has_no_background_and_one_without_materials_no_colors() -> None:
     from limberjack.mujoco import Physics
 
     physics = Physics.from_xml_string("<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>")
     with pytest.raises(ValueError, match="the model has no sky"):
         Looks.for_physics({"background": "noise"}, physics, 1, 0.01)
-    assert Looks.for_physics({"colors": 0.1}, physics, 1, 0.01) is not None
+    with pytest.raises(ValueError, match="the model has no material"):
+        Looks.for_physics({"colors": "hard"}, physics, 1, 0.01)
+    assert Looks.for_physics({"camera": 0.1}, physics, 1, 0.01) is not None
     assert Looks.for_physics(None, physics, 1, 0.01) is None
     with pytest.raises(TypeError, match="a int cannot be rendered"):
         Looks.for_physics({"colors": 0.1}, 3, 1, 0.01)

@@ -85,13 +85,14 @@ class Looks:
 
         Args:
           appearance: the options; see `Appearance.of`.
-          physics: a single simulation, whose model must have a sky if a background replaces it.
+          physics: a single simulation, whose model must have a sky if a background replaces it, and
+            materials if colours change.
           num_envs: number of rows.
           control_timestep: seconds.
 
         Raises:
           ValueError, TypeError, ImportError: see `Appearance.of` and `__init__`; or the model has
-            no sky; or the physics cannot be rendered.
+            no sky or no materials; or the physics cannot be rendered.
         """
         if appearance is None:
             return None
@@ -106,6 +107,12 @@ class Looks:
             raise ValueError(
                 "appearance has a background, but the model has no sky that it could replace: add "
                 '<texture type="skybox" builtin="flat" width="8" height="8"/> to its assets'
+            )
+        if options.colors is not None and not model.nmat:
+            raise ValueError(
+                "appearance has colors, but the model has no material that could have another: add "
+                "<material> elements to its assets and name them in its geoms, or give "
+                '"colors": null beside the preset'
             )
         return cls(options, num_envs, control_timestep)
 

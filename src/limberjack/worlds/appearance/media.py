@@ -25,7 +25,7 @@ import numpy as np
 from limberjack.utils.ffmpeg import find_ffmpeg
 from limberjack.utils.requirements import missing_extra
 
-__all__ = ["SIDE", "Clip", "find", "fingerprint", "resized"]
+__all__ = ["SIDE", "Clip", "MediaError", "find", "fingerprint", "resized"]
 
 SIDE = 256  # pixels of a frame: that of DMC-GB2's videos; a picture of 84 shows half of it
 
@@ -37,6 +37,10 @@ _FRAME_BYTES = SIDE * SIDE * 3
 
 # The path, size and time of change of a file.
 _Version = tuple[Path, int, int]
+
+
+class MediaError(OSError, ValueError):
+    """A picture or video cannot be read."""
 
 
 class Clip:
@@ -56,7 +60,7 @@ class Clip:
         """A frame, (SIDE, SIDE, 3) uint8.
 
         Raises:
-          ValueError: the file cannot be read.
+          MediaError: the file cannot be read.
           ImportError: a package to read it with is missing.
         """
         if self._is_video:
@@ -73,7 +77,8 @@ def find(kind: str, path: str, count: int | None) -> list[Clip]:
       count: the most clips; None for all.
 
     Raises:
-      ValueError: there are none, or the first one cannot be read.
+      ValueError: there are none.
+      MediaError: the first one cannot be read.
       ImportError: a package to read it with is missing.
     """
     where = Path(path)
@@ -115,7 +120,7 @@ def _version(file: Path) -> _Version:
     try:
         facts = file.stat()
     except OSError as error:
-        raise ValueError(f"{file} cannot be read: {error.strerror}") from error
+        raise MediaError(f"{file} cannot be read: {error.strerror}") from error
     return file, facts.st_size, facts.st_mtime_ns
 
 
@@ -171,7 +176,7 @@ def _image(version: _Version) -> np.ndarray:
         with Image.open(file) as image:
             frame = np.asarray(image.convert("RGB").resize((SIDE, SIDE)))
     except (Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
-        raise ValueError(f"the picture {file} cannot be read: {error}") from error
+        raise MediaError(f"the picture {file} cannot be read: {error}") from error
     return frame
 
 
@@ -209,6 +214,6 @@ def _decoded(file: Path) -> np.ndarray:
     count = len(made.stdout) // _FRAME_BYTES
     if not count:
         said = made.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(f"the video {file} cannot be read: {said[-1] if said else 'no frames'}")
+        raise MediaError(f"the video {file} cannot be read: {said[-1] if said else 'no frames'}")
     frames = np.frombuffer(made.stdout, np.uint8, count * _FRAME_BYTES)
     return frames.reshape(count, SIDE, SIDE, 3)
