@@ -45,7 +45,7 @@ class Regulator(Cost):
         return {"reward": 1.0 - self.task.get_reward(physics)}
 
     def terminal(self, physics: AnyPhysics) -> np.ndarray:
-        """What the motion that is left will cost: about 1.5 times the mean of a plan from there."""
+        """Cost of the motion that is left, in means of a plan: that of a start is 1.5."""
         return 1.5 * physics.state_norm() ** 2 / 2
 
 
