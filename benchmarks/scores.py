@@ -36,16 +36,17 @@ _NOTHING = "-"
 
 _HEAD = """# Scores
 
-Returns of the planner on the tasks of this table, of doing nothing, and of random actions on
-dm_control's benchmark. The planner plays [more tasks](planner.md#the-costs): variants of these,
-with the same costs, that were not scored. `benchmarks/scores.py` writes this page from the results
-in `benchmarks/results/scores`. Each of them was made by
+Returns of the planner on the tasks of this table, of doing nothing, and of random actions. The
+planner plays [all 51 tasks](planner.md#the-costs); those that are missing here were not scored yet.
+`benchmarks/scores.py` writes this page from the results in `benchmarks/results/scores`. Each of
+them was made by
 
     limberjack evaluate DOMAIN TASK --policy NAME --seeds A:B --out DIR
 
 and contains every episode, so that all figures can be computed again, as
 [Evaluation](evaluation.md) describes. A return is a sum of 1,000 rewards between 0 and 1, at an
-action repeat of 1. *interval*: 95 % confidence, of the mean. *success*: the share of episodes whose
+action repeat of 1; of lqr, whose episodes have no end of their own, with `--time-limit 30`, and
+rewards of at most 1. *interval*: 95 % confidence, of the mean. *success*: the share of episodes whose
 last 100 steps have a mean reward of at least 0.9. *zero here*: the mean return of doing nothing on
 the same seeds.
 """
