@@ -46,9 +46,9 @@ them was made by
 and contains every episode, so that all figures can be computed again, as
 [Evaluation](evaluation.md) describes. A return is a sum of 1,000 rewards between 0 and 1, at an
 action repeat of 1; of lqr, whose episodes have no end of their own, with `--time-limit 30`, and
-rewards of at most 1. *interval*: 95 % confidence, of the mean. *success*: the share of episodes whose
-last 100 steps have a mean reward of at least 0.9. *zero here*: the mean return of doing nothing on
-the same seeds.
+rewards of at most 1. *interval*: 95 % confidence, of the mean. *success*: the share of episodes
+whose last 100 steps have a mean reward of at least 0.9. *zero here*: the mean return of doing
+nothing on the same seeds.
 """
 
 _BY_START = """
