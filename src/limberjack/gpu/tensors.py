@@ -349,13 +349,12 @@ def _forwards(args: Sequence[torch.Tensor]) -> tuple[object, ...]:
     return array, tuple(index)
 
 
-def _axes_of(each: object) -> int:
+def _axes_of(each: torch.Tensor) -> int:  # or a number, a slice or None
     """The number of axes that a part of an index selects from."""
     if each is None or isinstance(each, bool):
         return 0
-    if isinstance(each, torch.Tensor | np.ndarray) and each.dtype in (torch.bool, np.dtype(bool)):
-        return each.ndim
-    return 1
+    is_mask = getattr(each, "dtype", None) in (torch.bool, np.dtype(bool))
+    return each.ndim if is_mask else 1
 
 
 def _written(result: object, out: object, name: str) -> object:
