@@ -48,10 +48,10 @@ def test_a_chain_costs_as_much_as_its_task_and_what_is_left_of_its_motion() -> N
     np.testing.assert_allclose(left, [0, 1.5, 1.5], rtol=1e-15)
 
 
-def test_a_chain_comes_to_rest() -> None:
-    rewards, env = played("lqr", "lqr_2_1", 1000, 300)
-    assert rewards[:30].mean() < 0.6
-    assert rewards[-30:].mean() > 0.75
+@pytest.mark.parametrize("seed", [1001, 1002])
+def test_a_chain_comes_to_rest(seed: int) -> None:
+    rewards, env = played("lqr", "lqr_2_1", seed, 500)
+    assert rewards[-30:].mean() > 0.9
     assert env.physics.state_norm() < 0.7
 
 
