@@ -2,14 +2,17 @@
 
 import re
 
+import mujoco.batch
 import numpy as np
 import pytest
 
 from limberjack import suite
+from limberjack.mujoco.engine import Physics
 from limberjack.planner.rollouts import Budget, Rollouts
 from tests.clocks import Clock
 
 _ROWS, _STEPS = 3, 12
+_BALLS = 12
 _FIELDS = ("body_pos", "body_quat")
 
 
@@ -84,13 +87,37 @@ def test_divergence_in_any_of_several_steps_is_reported_at_their_end() -> None:
             if step == 3:
                 physics.data.qvel[1] = 1e9
             physics.set_control(controls)
-        rollouts.simulation.step(2)
+        rollouts.step(2)
         expected |= batch._replicas.step(None, 2)
     assert expected.tolist() == [False, True, False]
     np.testing.assert_array_equal(rollouts.diverged(), expected)
     np.testing.assert_array_equal(rollouts.simulation.state, batch.physics.simulation.state)
     env = suite.load("manipulator", "bring_ball", {"random": 5})
     rollouts.load(env.physics.simulation.save(None, _FIELDS))
+    assert not rollouts.diverged().any()
+
+
+def test_a_row_in_which_mujoco_raises_has_diverged_and_the_others_go_on() -> None:
+    balls = "".join(
+        f'<body pos="{x} 0 0"><freejoint/><geom size=".1"/></body>' for x in range(_BALLS)
+    )
+    physics = Physics.from_xml_string(
+        # Memory for the constraints of balls that all touch, and not for solving them.
+        f'<mujoco><size memory="150K"/><worldbody>{balls}</worldbody></mujoco>'
+    )
+    rollouts = Rollouts(physics, _ROWS, 2, ())
+    saved = {"state": rollouts.simulation.state[:1].copy()}
+    rollouts.physics.data.qpos[1, ::7] = np.linspace(0.0, 0.1, _BALLS)
+    with pytest.raises(mujoco.batch.SimulationError, match="out of memory"):
+        rollouts.simulation.step(1)
+    rollouts.load(saved)
+    rollouts.physics.data.qpos[1, ::7] = np.linspace(0.0, 0.1, _BALLS)
+    for _ in range(3):
+        rollouts.step(2)
+    assert rollouts.diverged().tolist() == [False, True, False]
+    np.testing.assert_allclose(rollouts.physics.data.time, [0.012, 0.0, 0.012], rtol=1e-12)  # sums
+    rollouts.load(saved)  # and all begin again
+    rollouts.step(1)
     assert not rollouts.diverged().any()
 
 

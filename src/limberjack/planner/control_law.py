@@ -120,7 +120,7 @@ class ControlLaw:
         history.begin()
         for step, targets in enumerate(targets_at(plans, phases), 1 - len(phases)):
             batch.set_control(self.controls(targets, qpos, qvel))
-            rollouts.simulation.step(substeps)
+            rollouts.step(substeps)
             if step % interval == 0:  # counted from the end
                 history.record(step // interval - 1)
         return rollouts.diverged()

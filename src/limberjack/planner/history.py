@@ -3,7 +3,7 @@
     history = History(rollouts.simulation, steps=25)
     seen = history.read_by(rollouts.physics)  # the same kind of Physics, to be read only
     for step in range(25):
-        rollouts.simulation.step(2)
+        rollouts.step(2)
         history.record(step)
     seen.named.data.xpos["head", "z"]  # (25 * num_envs,), the first step's first
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 import mujoco
+import mujoco.batch
 import numpy as np
 
 from limberjack.mujoco.engine import Physics
@@ -46,6 +47,7 @@ class Rollouts:
         self.history = History(self.simulation, states)
         self.seen = self.history.read_by(self.physics)
         self.at_horizon = self.history.last_read_by(self.physics)
+        self._failed = np.zeros(samples, bool)
         self._records: dict[str, np.ndarray] = {}  # of `roll_out`, written over by the next one
 
     def load(self, saved: Mapping[str, np.ndarray]) -> None:
@@ -59,10 +61,21 @@ class Rollouts:
             simulation.reset()
         simulation.state[...] = saved["state"]
         simulation.warnings[...] = 0
+        self._failed[:] = False
+
+    def step(self, substeps: int) -> None:
+        """Advances all by time steps; those in which MuJoCo raises an error stay and have diverged.
+
+        A body that falls apart can have more contacts than MuJoCo has memory for.
+        """
+        try:
+            self.simulation.step(substeps)
+        except mujoco.batch.SimulationError as error:
+            self._failed[error.ids] = True
 
     def diverged(self) -> np.ndarray:
         """Whether each has diverged since `load`, (samples,)."""
-        return np.asarray(self.simulation.warnings.any(axis=-1))
+        return np.asarray(self.simulation.warnings.any(axis=-1) | self._failed)
 
     def roll_out(
         self, controls: np.ndarray, fields: Sequence[str]
