@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from limberjack.planner.cost import AnyPhysics, Cost
+from limberjack.planner.optimisers.icem import ICEM
 from limberjack.planner.settings import Settings
 from limberjack.utils import arrays
 
@@ -21,6 +22,8 @@ _FALLING = 0.3  # seconds; as of the humanoid: where the body would come to rest
 class Dog(Cost):
     """The factors' missing parts, torso and pelvis below their height, the tilt and the effort."""
 
+    # Of 300 steps of walk, seed 1000 has 165; with white iCEM 128, with its best elite 120, with
+    # plans of 0.3 s 38, with noise of 0.25 and 1 62 and 119, with plans at every third step 99.
     settings = Settings(
         horizon=0.6,
         knots=5,
@@ -50,8 +53,17 @@ class Dog(Cost):
 class HumanoidCMU(Cost):
     """A low head, a tilted thorax, a body that is not above its feet, motion and effort."""
 
+    # Of 300 steps of stand, seeds 1000 and 1001 have 238 and 122. MPPI had 69 and 10 in more time,
+    # with noise of 0.5 and 0.6 s; with that noise alone seed 1001 has 21, and with 0.15 1.
     settings = Settings(
-        horizon=0.6, knots=4, samples=64, timestep=0.01, gain=3.0, damping=0.1, noise=0.5
+        horizon=0.4,
+        knots=4,
+        samples=64,
+        timestep=0.01,
+        gain=3.0,
+        damping=0.1,
+        noise=0.25,
+        optimiser=ICEM(colour=0.0, takes_best=True),
     )
     weights: ClassVar = {"height": 2.0, "tilt": 1.0, "balance": 1.0, "motion": 0.02, "effort": 0.05}
 
