@@ -4,7 +4,13 @@
     python benchmarks/scores.py DIR
 
 copies DIR's result, draws the starts that the planner did not solve, and writes the page. Without a
-folder it only writes the page. It measures nothing itself.
+folder it only writes the page. The planner's source changes more often than what it does, so
+
+    python benchmarks/scores.py --play-again [DOMAIN-TASK ...]
+
+plays the first seed of each of its results that another source has made. Where the return is the
+same, bit for bit, the page has the present source's hash beside the result's own; otherwise the
+task has to be scored again, and the exit status is 1.
 """
 
 import argparse
@@ -19,12 +25,15 @@ import baselines
 import unsolved
 
 from limberjack import suite
-from limberjack.evaluation import published
+from limberjack.evaluation import evaluate, published
+from limberjack.planner.cost import sources_for
 from limberjack.utils import png
+from limberjack.utils.sources import hash_of_files
 
 __all__ = ["main", "page", "read_results"]
 
 _RESULTS = Path(__file__).parent / "results" / "scores"
+_NOTES = _RESULTS.parent / "played_again.json"
 _PAGE = Path(__file__).parents[1] / "docs" / "scores.md"
 _IMAGES = _PAGE.parent / "images"
 _DRAWN = "manipulator", "stacker"  # all starts of the humanoid look alike
@@ -103,6 +112,9 @@ Scores marked (2) are second-hand:
 
 _MEASURED = """
 ## Versions and models
+
+*its hash*: of the policy's source. *now*: of the planner's present source, where that is another
+one and has played the episode of the first seed again, with the same return to the last bit.
 """
 
 _Result = dict[str, Any]
@@ -112,7 +124,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Imports results and writes the page."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("folders", nargs="*", type=Path, help="of `limberjack evaluate --out`")
-    for folder in parser.parse_args(arguments).folders:
+    parser.add_argument("--play-again", nargs="*", metavar="DOMAIN-TASK", help="all by default")
+    parsed = parser.parse_args(arguments)
+    if parsed.play_again is not None:
+        same = _play_again(parsed.play_again)
+        _PAGE.write_text(page(read_results()), encoding="utf-8")
+        raise SystemExit(not same)
+    for folder in parsed.folders:
         result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
         _check(folder, result)
         policy = re.sub(r"\W+", "-", result["policy"])
@@ -141,6 +159,51 @@ def _check(folder: Path, result: _Result) -> None:
         raise SystemExit(f"{folder} has one episode, and the page needs an interval")
 
 
+def _play_again(names: Sequence[str]) -> bool:
+    """Whether the present source plays the first episodes of the planner's results as they were."""
+    notes, same = _notes(), True
+    for result in read_results():
+        name = _name(result)
+        if result["policy"] != "planner" or (names and name not in names):
+            continue
+        present = hash_of_files(sources_for(suite.load(result["domain"], result["task"]).task))
+        if present in (result["policy_sha256"], _now(result, notes)):
+            continue
+        first, again = result["episodes"][0], _first_again(result)
+        if again == first:
+            notes[name] = {"result": result["policy_sha256"], "now": present, "seed": first["seed"]}
+            _NOTES.write_text(json.dumps(notes, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        else:
+            same = False
+        words = "the same" if again == first else f"was {first}, is {again}: score it again"
+        print(f"{name}: {words}", flush=True)
+    return same
+
+
+def _first_again(result: _Result) -> _Result:
+    """The first episode of a planner's result, as the present source plays it."""
+    domain, task, seed = result["domain"], result["task"], result["episodes"][0]["seed"]
+    again = evaluate(domain, task, "planner", [seed], time_limit=result["time_limit"]).as_json()
+    if again["fingerprint"] != result["fingerprint"]:
+        raise SystemExit(f"{_name(result)} has another model: score it again")
+    return dict(again["episodes"][0])
+
+
+def _notes() -> dict[str, dict[str, Any]]:
+    """What was played again, by result."""
+    return json.loads(_NOTES.read_text(encoding="utf-8")) if _NOTES.exists() else {}
+
+
+def _now(result: _Result, notes: dict[str, dict[str, Any]]) -> str | None:
+    """The hash of the source that has played a result's first episode again, if any."""
+    note = notes.get(_name(result), {})
+    return note["now"] if note.get("result", "") == result["policy_sha256"] else None
+
+
+def _name(result: _Result) -> str:
+    return f"{result['domain']}-{result['task']}"
+
+
 def read_results() -> list[_Result]:
     """The committed results, by task and by number of episodes in descending order."""
     results = [json.loads(path.read_text(encoding="utf-8")) for path in _RESULTS.glob("*.json")]
@@ -162,8 +225,9 @@ def page(results: Sequence[_Result]) -> str:
     lines += [_UNSOLVED, *pictures[:-1]] if pictures else []
     lines += _baseline_lines()
     lines += _published_lines(results)
-    columns = ["domain", "task", "policy", "its hash", "model", "versions"]
-    lines += [_MEASURED, *_table(columns, map(_origin, results))]
+    columns = ["domain", "task", "policy", "its hash", "now", "model", "versions"]
+    notes = _notes()
+    lines += [_MEASURED, *_table(columns, (_origin(result, notes) for result in results))]
     return "\n".join([_HEAD, *lines]) + "\n"
 
 
@@ -330,11 +394,12 @@ def _picture_of(result: _Result) -> str:
     return f"unsolved-{result['task']}.png"
 
 
-def _origin(result: _Result) -> list[str]:
+def _origin(result: _Result, notes: dict[str, dict[str, Any]]) -> list[str]:
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
     policy_hash = (result["policy_sha256"] or "none")[:12]
+    now = (_now(result, notes) or _NOTHING)[:12]
     of_whom = [result["domain"], result["task"], result["policy"]]
-    return [*of_whom, policy_hash, result["fingerprint"][:12], versions]
+    return [*of_whom, policy_hash, now, result["fingerprint"][:12], versions]
 
 
 if __name__ == "__main__":

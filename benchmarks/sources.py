@@ -42,6 +42,7 @@ _PARTS = {
     "overhead.json": ("gym", *_SIMULATED),
     "path_searches.json": ("planner", *_SIMULATED),
     "planner.json": ("planner", *_SIMULATED),
+    "played_again.json": ("planner", *_SIMULATED),
     "reach.json": ("suite/manipulator.*", "suite/stacker.*"),
     "reading.json": ("episodes",),
     "rendering.json": ("mujoco", "suite"),

@@ -113,6 +113,42 @@ def test_a_folder_is_taken_over(script: Any, tmp_path: Path, monkeypatch: Any) -
     assert "| stack_2 | zero | 0:4 |" in page
 
 
+def test_the_hash_of_a_source_that_plays_the_same_episode_is_noted(
+    script: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(script, "_RESULTS", tmp_path / "results")
+    monkeypatch.setattr(script, "_NOTES", tmp_path / "played_again.json")
+    folder = tmp_path / "out"
+    evaluate("pendulum", "swingup", "planner", range(2), out=folder, time_limit=0.2)
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    present = result["policy_sha256"]
+
+    def play_again(**changes: Any) -> int:
+        (folder / "result.json").write_text(json.dumps({**result, **changes}), encoding="utf-8")
+        script.main([str(folder)])
+        with pytest.raises(SystemExit) as ended:
+            script.main(["--play-again"])
+        return int(ended.value.code or 0)
+
+    def noted() -> list[str]:
+        page = (tmp_path / "scores.md").read_text(encoding="utf-8")
+        row = next(line for line in page.splitlines() if result["fingerprint"][:12] in line)
+        return row.split(" | ")[3:5]
+
+    assert play_again() == 0  # nothing to play
+    assert not (tmp_path / "played_again.json").exists()
+    assert noted() == [present[:12], "-"]
+    assert play_again(policy_sha256="0" * 64) == 0
+    assert noted() == ["0" * 12, present[:12]]
+    assert "pendulum-swingup: the same" in capsys.readouterr().out
+    # The note is of that result; of another one it says nothing.
+    first, second = result["episodes"]
+    other = {**first, "return": first["return"] + 1e-9}
+    assert play_again(policy_sha256="1" * 64, episodes=[other, second]) == 1
+    assert noted() == ["1" * 12, "-"]
+    assert "score it again" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
