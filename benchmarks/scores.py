@@ -190,7 +190,7 @@ def _first_again(result: _Result) -> _Result:
 
 
 def _notes() -> dict[str, dict[str, Any]]:
-    """What was played again, by result."""
+    """Notes of what was played again, by result."""
     return json.loads(_NOTES.read_text(encoding="utf-8")) if _NOTES.exists() else {}
 
 
