@@ -9,8 +9,8 @@ folder it only writes the page. The planner's source changes more often than wha
     python benchmarks/scores.py --play-again [DOMAIN-TASK ...]
 
 plays the first seed of each of its results that another source has made. Where the return is the
-same, bit for bit, the page has the present source's hash beside the result's own; otherwise the
-task has to be scored again, and the exit status is 1.
+same, bit for bit, the page has that source's hash beside the result's own; otherwise the task has
+to be scored again, and the exit status is 1.
 """
 
 import argparse
@@ -113,8 +113,8 @@ Scores marked (2) are second-hand:
 _MEASURED = """
 ## Versions and models
 
-*its hash*: of the policy's source. *now*: of the planner's present source, where that is another
-one and has played the episode of the first seed again, with the same return to the last bit.
+*its hash*: of the policy's source. *played again*: of a later source of the planner that has played
+the episode of the first seed again, with the same return to the last bit.
 """
 
 _Result = dict[str, Any]
@@ -162,10 +162,12 @@ def _check(folder: Path, result: _Result) -> None:
 def _play_again(names: Sequence[str]) -> bool:
     """Whether the present source plays the first episodes of the planner's results as they were."""
     notes, same = _notes(), True
-    for result in read_results():
-        name = _name(result)
-        if result["policy"] != "planner" or (names and name not in names):
-            continue
+    results = {_name(one): one for one in read_results() if one["policy"] == "planner"}
+    unknown = sorted({*names} - {*results})
+    if unknown:
+        raise SystemExit(f"no result of the planner is named {unknown[0]}: {', '.join(results)}")
+    for name in names or results:
+        result = results[name]
         present = hash_of_files(sources_for(suite.load(result["domain"], result["task"]).task))
         if present in (result["policy_sha256"], _now(result, notes)):
             continue
@@ -225,7 +227,7 @@ def page(results: Sequence[_Result]) -> str:
     lines += [_UNSOLVED, *pictures[:-1]] if pictures else []
     lines += _baseline_lines()
     lines += _published_lines(results)
-    columns = ["domain", "task", "policy", "its hash", "now", "model", "versions"]
+    columns = ["domain", "task", "policy", "its hash", "played again", "model", "versions"]
     notes = _notes()
     lines += [_MEASURED, *_table(columns, (_origin(result, notes) for result in results))]
     return "\n".join([_HEAD, *lines]) + "\n"

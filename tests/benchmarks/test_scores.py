@@ -147,6 +147,8 @@ def test_the_hash_of_a_source_that_plays_the_same_episode_is_noted(
     assert play_again(policy_sha256="1" * 64, episodes=[other, second]) == 1
     assert noted() == ["1" * 12, "-"]
     assert "score it again" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match=r"named pendulum-swing: pendulum-swingup$"):
+        script.main(["--play-again", "pendulum-swing"])
 
 
 @pytest.mark.parametrize(
