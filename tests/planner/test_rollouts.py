@@ -115,10 +115,13 @@ def test_a_row_in_which_mujoco_raises_has_diverged_and_the_others_go_on() -> Non
     for _ in range(3):
         rollouts.step(2)
     assert rollouts.diverged().tolist() == [False, True, False]
-    np.testing.assert_allclose(rollouts.physics.data.time, [0.012, 0.0, 0.012], rtol=1e-12)  # sums
+    state = rollouts.simulation.state.copy()
+    assert rollouts.physics.data.time[1] == 0
     rollouts.load(saved)  # and all begin again
-    rollouts.step(1)
+    for _ in range(3):
+        rollouts.step(2)
     assert not rollouts.diverged().any()
+    np.testing.assert_array_equal(state[[0, 2]], rollouts.simulation.state[[0, 2]])
 
 
 @pytest.mark.usefixtures("share")
