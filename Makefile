@@ -18,8 +18,8 @@ MADE := $(VENV)/made-with-python-$(VERSION)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	--constraint constraints.txt --editable
 
-# One worker per core, each with whole files: what the tests of a file share is made once. At most
-# four, because some tests use all cores themselves. tests/conftest.py orders the files.
+# One worker more than cores, each with whole files: what the tests of a file share is made once. At
+# most four, because some tests use all cores themselves. tests/conftest.py orders the files.
 IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --memory
 
 export PYTHONUNBUFFERED = 1
