@@ -77,9 +77,9 @@ class Locomotion(Cost):
         super().__init__(task)
         speed, runs = task.move_speed, task.move_speed > 2.0  # metres per second
         self.settings = _RUN if runs else _WALK if speed else _STAND
-        # The target speed; 0 to stand. A walk must hold its speed throughout a stride; a faster
-        # run than 4 m/s gains little, and falls.
-        self._aim = 4.0 if runs else 1.2 * speed
+        # The target speed; 0 to stand. A walk must hold its speed throughout a stride; a run is
+        # slower with a target of 4 m/s, and no faster with one of 6 m/s.
+        self._aim = 5.0 if runs else 1.2 * speed
         # Costs of the whole lack of speed, and of the square of a metre's imbalance besides half a
         # metre's: a tenth of a metre is normal in a run.
         self._haste, self._fall = (6.0, 5.0) if runs else (1.0, 0.0)
