@@ -91,8 +91,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist's
 def pytest_xdist_auto_num_workers() -> int:
-    """One process more than cores: many tests wait for processes, signals and threads."""
-    return (os.cpu_count() or 1) + 1
+    """One process more than usable cores: many tests wait for processes, signals and threads."""
+    from limberjack.utils.cores import usable_cores  # after the renderer is chosen
+
+    return usable_cores() + 1
 
 
 def pytest_configure(config: pytest.Config) -> None:
