@@ -38,7 +38,7 @@ def test_a_second_run_reproduces_the_hashes_of_the_cards(
         text = (one / f"{task}.md").read_text(encoding="utf-8")
         files = data.inform(data.load(one / task)).files
         assert arm_datasets.hashes_in(text) == files
-        command = f"limberjack collect {domain} {task} --policy planner --seeds 10000:10002"
+        command = f"limberjack collect {domain} {task} --policy planner --seeds 20000:20002"
         for part in ("licence | Apache", "| all | 2 |", command, "mujoco "):
             assert part in text
     arm_datasets.main(tmp_path / "two", tasks, episodes=2, compare=one)
@@ -61,9 +61,9 @@ def test_the_episodes_of_a_dataset_are_evaluated_and_only_the_baselines_are_play
     for _ in range(2):  # as a run that was killed after it
         arm_datasets.main(tmp_path, ["stack_4"], episodes=2)
         *command, scores = asked.pop()
-        assert command == ["stacker", "stack_4", "planner", range(10_000, 10_002)]
+        assert command == ["stacker", "stack_4", "planner", range(20_000, 20_002)]
         episodes = list(data.load(tmp_path / "stack_4"))
-        assert [score["seed"] for score in scores] == [10_000, 10_001]
+        assert [score["seed"] for score in scores] == [20_000, 20_001]
         assert [score["total"] for score in scores] == [episode.total for episode in episodes]
         assert {score["policy"] for score in scores} == {"planner"}
 
