@@ -11,6 +11,7 @@ from dm_env import specs
 import limberjack.gym  # noqa: F401 (registers the environments)
 from limberjack import policies, suite
 from limberjack.planner import ICEM, Cost, Planner, Settings, cost_for
+from limberjack.planner.optimisers.base import Search
 from limberjack.planner.rollouts import Rollouts
 from limberjack.rl import control
 from limberjack.suite import acrobot, base
@@ -341,6 +342,36 @@ def test_proposals_that_are_no_plans_are_named(proposals: np.ndarray, message: s
         Planner(env, num_threads=1, cost=Proposing(env.task)).act()
 
 
+@pytest.mark.parametrize(
+    ("domain", "task"),
+    [
+        ("pendulum", "swingup"),
+        ("humanoid", "run"),
+        ("humanoid_CMU", "stand"),
+        ("manipulator", "insert_ball"),
+    ],
+)
+def test_proposals_have_the_knots_of_settings_that_replace_the_costs(
+    domain: str, task: str
+) -> None:
+    env = _load(domain, task)
+    env.reset()
+    cost = cost_for(env.task)
+    settings = _small(env, knots=cost.settings.knots + 2)
+    planner = Planner(env, num_threads=1, cost=cost, settings=settings)
+    planner.act()
+    assert planner._proposals.shape[1] == settings.knots
+    assert planner.cost.settings is settings
+
+
+def test_a_tower_is_stacked_with_the_knots_of_its_cost_alone() -> None:
+    env = _load("stacker", "stack_2")
+    env.reset()
+    message = r"shape \(\d+, 9, 5\); expected \(n, 11, 5\), for 11 knots"
+    with pytest.raises(ValueError, match=message):
+        Planner(env, num_threads=1, settings=_small(env, knots=11)).act()
+
+
 def test_without_an_episode_there_is_nothing_to_plan_for() -> None:
     env = _load("humanoid", "stand", time_limit=0.05)
     planner = Planner(env, num_threads=1, settings=_small(env))
@@ -459,10 +490,18 @@ def test_a_mistake_that_is_none_of_rows_is_raised_as_it_is() -> None:
             lambda physics: {"joints": physics.joint_angles()},
             r"term 'joints' of cost <lambda> has shape \(32, 21\) in a batch of 32",
         ),
-        (lambda physics: {"name": "high"}, "term 'name' of cost <lambda> has dtype <U4; expected"),
+        (
+            lambda physics: {"name": "high"},
+            "term 'name' of cost <lambda> is of dtype <U4; expected numbers",
+        ),
+        (
+            lambda physics: {"up": physics.head_height},
+            r"term 'up' of cost <lambda> is a function that is not called: write head_height\(\)",
+        ),
+        (lambda physics: None, "term 'cost' of cost <lambda> is None: it must be returned"),
         (
             lambda physics: {"ok": physics.head_height(), "gap": physics.head_height() * np.nan},
-            "no plan has a finite cost: 'gap' of <lambda> is nan; expected finite numbers",
+            "'gap' of <lambda> is nan; expected finite numbers: look for a division by 0",
         ),
     ],
 )
@@ -563,6 +602,23 @@ def test_an_optimiser_of_several_iterations_shares_the_samples_among_them() -> N
     planner._costs = noting
     _actions(env, planner, 2)
     assert tried == [4] * 6
+
+
+def test_an_optimiser_may_try_another_number_of_samples_in_each_iteration() -> None:
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class Decaying(ICEM):
+        def samples(self, search: Search, count: int, iteration: int) -> np.ndarray:
+            return super().samples(search, count - 2 * iteration, iteration)
+
+    env = _load("humanoid", "stand")
+    env.reset()
+    settings = dataclasses.replace(_QUICK, samples=12, optimiser=Decaying(iterations=2))
+    planner = Planner(env, num_threads=1, cost=_Towards(env.task), settings=settings)
+    _actions(env, planner, 2)
+    assert {size: kept.simulation.num_envs for size, kept in planner._rollouts.items()} == {
+        6: 6,
+        4: 4,
+    }
 
 
 @pytest.mark.parametrize("anchored", [False, True])

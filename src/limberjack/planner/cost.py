@@ -64,6 +64,7 @@ class Cost:
     stages or with known good plans.
 
     Attributes:
+      settings: of the planner; it sets here those that it was given.
       weights: the weight of each term; terms that are not named weigh 1.
       noise_scale: noise scale of variations, as a fraction of the settings' noise; `update` may set
         it.
@@ -104,7 +105,7 @@ class Cost:
     def step_cost(self, physics: AnyPhysics) -> np.ndarray:
         """The cost of each state, (N,): the weighted sum of the terms.
 
-        A plan's cost is the mean over its control steps.
+        A plan's cost is the mean over the control steps at which it is computed.
         """
         if type(self).terms is Cost.terms:
             raise NotImplementedError(

@@ -4,9 +4,9 @@
     plan_costs.of(rollouts, diverged)       # (samples,), infinite where a plan cannot be used
     plan_costs.terms_of(rollouts, best)     # the weighted terms of one plan, by name
 
-A plan's cost is the mean over its control steps, and the cost's `terminal` at the horizon. A term
-of a wrong shape, an error that only a batch has, and a cost that no plan gives a finite value are
-raised with the name of the term and the change to make.
+A plan's cost is the mean over the control steps at which it is computed, and the cost's `terminal`
+at the horizon. A term that is no number or has a wrong shape, an error that only a batch has, and a
+cost that no plan gives a finite value are raised with the name of the term and the change to make.
 """
 
 import contextlib
@@ -102,7 +102,7 @@ class PlanCosts:
             found = np.asarray(term)
             what = f"term {name!r} of cost {name_of(self._cost)}"
             if found.dtype.kind not in "biuf":
-                raise ValueError(f"{what} has dtype {found.dtype}; expected numbers")
+                raise ValueError(f"{what} is {_described(term, found.dtype)}; expected numbers")
             if found.shape not in shapes:
                 raise wrong_shape(what, found.shape, (states,))
 
@@ -131,5 +131,13 @@ class PlanCosts:
         value = next(iter(named.values()), "not finite")
         return ValueError(
             f"no plan has a finite cost: {', '.join(named) or 'step_cost'} of "
-            f"{name_of(self._cost)} is {value}; expected finite numbers"
+            f"{name_of(self._cost)} is {value}; expected finite numbers: look for a division by 0 "
+            "or a root of a negative number"
         )
+
+
+def _described(term: object, dtype: np.dtype) -> str:
+    """A term that is no number, in words."""
+    if callable(term):
+        return f"a function that is not called: write {getattr(term, '__name__', 'it')}()"
+    return "None: it must be returned" if term is None else f"of dtype {dtype}"

@@ -22,6 +22,7 @@ The same seed gives the same actions for any number of threads, unless a time bu
 """
 
 import enum
+import functools
 from typing import NamedTuple
 
 import mujoco
@@ -79,7 +80,7 @@ class Planner:
           seed: seed of the samples; each episode draws the same stream.
           cost: the cost to minimise, or a function that returns its terms; by default the one that
             the environment's task names.
-          settings: replace the cost's settings.
+          settings: replace the cost's settings, also in `cost` itself.
           max_ms: milliseconds that a planning step should take, for live use: it tries fewer
             samples if there is no time for all. Actions then depend on the clock and are not
             repeatable. A path search, and a planning step with the fewest samples, may take longer.
@@ -116,10 +117,12 @@ class Planner:
         states = -(-self._steps // settings.cost_interval)
         threads = usable_cores() if num_threads is None else num_threads
         self._fields = _fields_of_episodes(env)
-        self._rollouts = {
-            size: Rollouts(rolled_out, size, threads, self._fields, states)
-            for size in {max(2, all_ // iterations) for all_ in self._budget.sizes}
-        }
+        self._new_rollouts = functools.partial(
+            Rollouts, rolled_out, num_threads=threads, own_fields=self._fields, states=states
+        )
+        sizes = {max(2, all_ // iterations) for all_ in self._budget.sizes}
+        self._rollouts = {size: self._new_rollouts(samples=size) for size in sizes}
+        self._cost.settings = settings
         self.reset()
 
     @property
@@ -151,8 +154,9 @@ class Planner:
     def act(self) -> np.ndarray:
         """The action for the environment's current state, (nu,), within the bounds.
 
-        A new episode is detected by its time, and planning then starts from scratch. Calling again
-        in the same state returns the same action.
+        Call it once in each control step, as plans are shifted by the steps between calls. A new
+        episode is detected by its time, and planning then starts from scratch. Calling again in the
+        same state returns the same action.
 
         Raises:
           RuntimeError: no episode is running, so there is no state to plan from.
@@ -301,7 +305,10 @@ class Planner:
 
     def _costs(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """The cost of following each sample, (samples,); infinite where physics diverges."""
-        rollouts = self._rollouts[len(samples)]
+        rollouts = self._rollouts.get(len(samples))
+        if rollouts is None:  # of an optimiser with other numbers of samples
+            rollouts = self._new_rollouts(samples=len(samples))
+            self._rollouts[len(samples)] = rollouts
         phases = self._phases()
         interval = self._settings.cost_interval
         costs = None

@@ -40,8 +40,9 @@ class Settings:
         the gear and the joint's inertia: half of critical damping, less the joint's own.
       tendons: whether motors on fixed tendons also follow an angle: the mean of the joints,
         weighted as in the tendon's length. These joints must have equal limits.
-      noise: largest standard deviation of sampled targets: radians for joints, fractions of half
-        the range for directly controlled actuators. None is half the range, of joints too.
+      noise: largest standard deviation of what is added to the targets of a plan: radians for
+        joints, fractions of half the range for directly controlled actuators. None is half the
+        range, of joints too.
       optimiser: the way from samples and their costs to a new plan, with its own constants.
       flowing: whether proposals begin at the targets of the current plan. A moving joint lags
         behind its target, so a target at its current position would stop it abruptly.

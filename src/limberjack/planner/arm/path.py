@@ -6,9 +6,9 @@
     path.advance(now)                   # at each planning of an arm that follows it
     path.left, path.is_stalled, path.is_astray
 
-The remaining length is that from the nearest point of the path, plus the distance to it. Points
-beyond a bend cost more to go to directly: there is a reason for the bend. Searches return paths,
-and costs charge their remaining length.
+The remaining length is that from a point of the path, plus 1.3 times the distance to it: a way
+beside the path counts for more than one along it. Points beyond a bend cost more to go to directly:
+there is a reason for the bend. Searches return paths, and costs charge their remaining length.
 """
 
 import functools
@@ -34,7 +34,7 @@ class Path:
     """Waypoints, and the arc length along them, `length`, radians.
 
     Attributes:
-      left: arc length from the arm to the end when it last advanced, radians.
+      left: remaining length for the arm when it last advanced, radians.
       is_straight: whether the path leads straight to its end.
       is_astray: whether the arm is far off the path.
     """
@@ -87,7 +87,7 @@ class Path:
         return self._watchdog.is_stuck
 
     def remaining(self, joints: np.ndarray) -> np.ndarray:
-        """Arc length from joints to the end, by the nearest point, (N, 4) -> (N,), radians."""
+        """Remaining length from joints to the end, by the best point, (N, 4) -> (N,), radians."""
         aside = self._aside(joints)
         places = self._places[self._window]
         if self._sight is None:

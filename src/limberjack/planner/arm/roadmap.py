@@ -24,7 +24,7 @@ __all__ = ["find_path", "roadmap"]
 _MARGIN = 0.008  # metres that the arm keeps from everything
 _AT_ENDS = 80  # neighbours of a path's ends, which may be in a corner
 _AT_ONCE = 64  # edges that are checked together
-_EARLY = 100  # poses and edges; a search then stops if no edge leads to a goal
+_EARLY = 100  # steps of a search, which then stops if no edge leads to a goal
 _VIEW = 40  # points of a path; no more are covered within a plan
 
 _Entry = tuple[float, float, int, int]  # least length by way of a node, to it, node, node before
@@ -36,9 +36,9 @@ def find_path(
     held: float,  # from the wrist to the far end of a held object, metres
     obstacle: Obstacle,
     close: bool = False,  # whether to keep less clear if all goals are close to something
-    budget: int = 3000,  # poses and edges that the search may check; each takes about 0.1 ms
+    budget: int = 3000,  # steps that the search may take; each takes about 0.1 ms
 ) -> Path | None:
-    """A path from now to one of the goals, or None; straight to the nearest if that is clear."""
+    """A path from now to one of the goals, or None; straight to one of the nearest if it can."""
     if not len(goals):
         return None
     # Parts that are within the margin at the start may be so close there, and have to get away.

@@ -83,7 +83,6 @@ class Locomotion(Cost):
         # Costs of the whole lack of speed, and of the square of a metre's imbalance besides half a
         # metre's: a tenth of a metre is normal in a run.
         self._haste, self._fall = (6.0, 5.0) if runs else (1.0, 0.0)
-        self._per_knot = self.settings.spacing / _CONTROL_STEP  # control steps
         self._names: list[str] = []  # of the actuators
         self.reset()
 
@@ -91,6 +90,11 @@ class Locomotion(Cost):
         """Stands up first."""
         self._stage = Stage.STAND
         self._gait: Gait | None = None  # while it runs
+
+    @property
+    def _per_knot(self) -> float:
+        """Control steps from knot to knot."""
+        return self.settings.spacing / _CONTROL_STEP
 
     def stage(self) -> Stage:
         """The current stage."""

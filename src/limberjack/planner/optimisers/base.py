@@ -71,7 +71,7 @@ class Optimiser:
             raise ValueError(f"colour is {self.colour!r}; expected a number from 0 up")
 
     def optimise(self, search: Search, samples: int, costs_of: CostsOf) -> np.ndarray:
-        """The new plan, (knots, nu), from as many samples in all."""
+        """The new plan, (knots, nu), from as many samples in all; at least 2 in an iteration."""
         for iteration in range(self.iterations):
             tried = self.samples(search, max(2, samples // self.iterations), iteration)
             search.current = self.new_plan(search, tried, costs_of(tried), iteration)
@@ -91,7 +91,10 @@ class Optimiser:
         return samples
 
     def known(self, search: Search, iteration: int) -> np.ndarray:
-        """Plans that are tried as they are, (n, knots, nu), the most important ones first."""
+        """Plans that are tried as they are, (n, knots, nu), the most important ones first.
+
+        No more of them are tried than fill half of the samples.
+        """
         return search.proposals if iteration == 0 else search.proposals[:0]
 
     def new_plan(

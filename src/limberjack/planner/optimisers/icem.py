@@ -23,7 +23,7 @@ class ICEM(Optimiser):
 
     Attributes:
       elites: share of an iteration's samples from which mean and deviation follow.
-      kept: share of the elites that are tried again.
+      kept: share of the elites that are tried again, before the proposals.
       momentum: share of the old mean and deviation in the new ones.
       takes_best: whether the new plan is the best sample of the last iteration, not the mean.
     """

@@ -20,7 +20,7 @@ class MPPI(Optimiser):
 
     Attributes:
       temperature: scale of the cost differences at which samples lose weight, as a fraction of the
-        difference between the best sample and the worst of the best eighth.
+        difference between the best sample and the first one beyond the best eighth.
     """
 
     temperature: float = 0.3
@@ -34,11 +34,11 @@ class MPPI(Optimiser):
         self, search: Search, samples: np.ndarray, costs: np.ndarray, iteration: int
     ) -> np.ndarray:
         """The samples' mean, where the best count most; the first if no cost is finite."""
-        # Of the best eighth only: bad proposals must not blur the differences between good ones.
+        # The spread of the best eighth: bad proposals must not blur differences between good ones.
         rank = max(1, len(costs) // 8)
-        best, worst = costs.min(), np.partition(costs, rank)[rank]
-        if not best < worst < np.inf:
+        best, beyond = costs.min(), np.partition(costs, rank)[rank]
+        if not best < beyond < np.inf:
             return samples[int(np.argmin(costs))]
-        weights = np.exp((best - costs) / (self.temperature * (worst - best)))
+        weights = np.exp((best - costs) / (self.temperature * (beyond - best)))
         weights /= weights.sum()
         return (weights[:, None, None] * samples).sum(axis=0)

@@ -1,7 +1,7 @@
 """Costs of swinging up and balancing: pendulum, cartpole and acrobot.
 
-Beside the missing reward, which is flat far from upright, each has the height that is still missing
-and, near the top, the motion that would leave it again.
+Beside the missing reward, which is flat far from upright, each has the height or, for the acrobot,
+the energy that is still missing and, near the top, the motion that would leave it again.
 """
 
 from typing import ClassVar
@@ -23,7 +23,7 @@ class Pendulum(Cost):
     weights: ClassVar = {"motion": 0.02}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
-        """Each about 1 for a pole that hangs."""
+        """Height and reward are about 1 for a pole that hangs; motion counts near the top only."""
         up = physics.pole_vertical()
         speed = physics.angular_velocity()[..., 0]
         return {
@@ -47,7 +47,7 @@ class Cartpole(Cost):
     weights: ClassVar = {"motion": 0.02, "off centre": 0.1}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
-        """Each about 1 for a pole that hangs at the end of the rail."""
+        """Height and reward are about 1 for poles that hang; motion counts near the top only."""
         up = physics.pole_angle_cosine()
         motion = np.exp(-4.0 * (1.0 - up)) * physics.angular_vel() ** 2
         return {
@@ -70,7 +70,7 @@ class Acrobot(Cost):
     weights: ClassVar = {"energy": 2.0, "distance": 0.25, "motion": 0.02}
 
     def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
-        """An energy of hanging links costs 2, and a distance of 4 m costs 1."""
+        """An energy is 2 for links that hang, and a distance is up to 4 m; both are weighted."""
         distance = physics.to_target()
         motion = (physics.velocity() ** 2).sum(axis=-1)
         return {

@@ -284,7 +284,7 @@ class Stack(Cost):
         else:
             plans = moves.plans_to(self._refuge, now, random)
         still = [Proposal([], [grasp]) for grasp in (OPEN, PRESS, CLOSED)]
-        found = np.concatenate([plans_of(now, still, self.settings.knots), plans])
+        found = np.concatenate([plans_of(now, still, plans.shape[1]), plans])
         return found[random.permutation(len(found))]
 
 
