@@ -110,6 +110,21 @@ def test_without_opengl_a_dataset_is_complete_and_one_line_says_that_it_has_no_p
     assert len(load(out)) == 1
 
 
+def test_a_damaged_file_is_one_line_that_says_what_to_do_whichever_it_is(tmp_path: Path) -> None:
+    collecting = [*_PENDULUM, *_IN_64, "--seeds", "0:70", "--out", str(tmp_path)]
+    assert invoke(*collecting).exit_code == 0
+    for path in sorted(tmp_path.glob("episodes/*")):
+        content = path.read_bytes()
+        path.write_bytes(content[:-50])
+        result = invoke(*collecting)
+        assert result.exit_code in (1, 2)
+        assert result.stderr.startswith(f"limberjack: {path} is damaged")
+        assert result.stderr.count("\n") == 1
+        assert "continues" not in result.stderr
+        path.write_bytes(content)
+    assert invoke(*collecting).exit_code == 0
+
+
 def test_a_damaged_file_is_made_again_and_one_line_says_so(tmp_path: Path) -> None:
     command = [*_PENDULUM, "--seeds", "0:2", "--out", str(tmp_path)]
     assert invoke(*command).exit_code == 0

@@ -1,5 +1,6 @@
 """Repairs: damaged files are moved aside and made again; nothing else is touched."""
 
+import json
 import logging
 import shutil
 from pathlib import Path
@@ -113,6 +114,25 @@ def test_damaged_lists_and_parts_are_moved_aside(folder: Path, pendulums: Datase
         "seeds-0000000064-0000000070.part",
     ]
     assert whole_hashes(folder) == whole_hashes(folder_of(pendulums))
+
+
+@pytest.mark.parametrize("part", ["files", "steps", "statistics"])
+def test_a_manifest_with_other_figures_than_the_episodes_is_found_and_made_again(
+    part: str, folder: Path, pendulums: Dataset
+) -> None:
+    path = folder / "dataset.json"
+    content = json.loads(path.read_text())
+    changed = {"steps": 9, "statistics": {}, "files": content["files"]}
+    content["files"][0]["returns"][1] = 777.0
+    path.write_text(json.dumps({**content, part: changed[part]}))
+    with pytest.raises(
+        ValueError, match=rf"the {part} in .* are not those of the episodes.*--repair"
+    ):
+        load(folder).verify()
+    _repair(folder)
+    assert _moved(folder) == ["dataset.json"]
+    assert whole_hashes(folder) == whole_hashes(folder_of(pendulums))
+    load(folder).verify()
 
 
 def test_a_dataset_at_a_url_is_repaired(folder: Path, pendulums: Dataset) -> None:

@@ -72,6 +72,17 @@ def test_the_error_names_the_problem_with_the_inherited_spec() -> None:
         bounded_spec(env.task, env.physics)
 
 
+def test_a_misspelled_name_in_before_step_is_not_blamed_on_the_spec() -> None:
+    class Misspelled(humanoid.Humanoid):
+        def before_step(self, action: Any, physics: Any) -> None:
+            super().before_step(action * physics.named.data.qpoz["root"], physics)
+
+    env = humanoid.walk(random=0)
+    env._task = Misspelled(move_speed=1, pure_state=False, random=0)
+    with pytest.raises(AttributeError, match="qpoz"):
+        bounded_spec(env.task, env.physics)
+
+
 @_TASKS
 def test_gymnasium_and_random_policies_act_by_the_spec_that_a_task_defines(
     make: Any, size: int
@@ -108,7 +119,7 @@ def test_a_batch_refuses_actions_that_move_mocap_bodies() -> None:
     # A single simulation's step begins with what was computed before they moved; a batch's rows
     # begin with their states.
     env = two_arms.by_pose(_ours, _spec(16))
-    with pytest.raises(ValueError, match="mocap bodies can be set only at an episode's start"):
+    with pytest.raises(ValueError, match=r"ByPose sets data.mocap_pos, data.mocap_quat in a step"):
         BatchEnvironment.from_environment(env, 3, 1)
 
 

@@ -234,6 +234,38 @@ def test_actions_in_a_structure_are_left_to_the_task() -> None:
     assert env.step({"speed": [2.0]}).observation["value"] == [3.0]
 
 
+def test_a_list_reaches_the_task_as_an_array() -> None:
+    env = make()
+    env.reset()
+    env.task.before_step = lambda action, physics: physics.set_control(action * 0.5)
+    assert env.step([1.0]).observation["value"] == [1.5]
+    assert env.step((1,)).observation["value"] == [2.0]
+
+
+def test_a_reward_that_is_a_view_stays_as_it_was() -> None:
+    env, live = make(), np.zeros(1)
+    env.reset()
+    env.task.get_reward = lambda physics: live[..., 0]
+    kept = []
+    for number in range(3):
+        live[0] = number
+        kept.append(env.step([0.0]).reward)
+    assert kept == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("ending", [False, True, np.bool_(False), np.array([False, True])])
+def test_an_ending_that_is_no_discount_is_refused(ending: Any) -> None:
+    env = make()
+    env.reset()
+    env.task.get_termination = lambda physics: ending
+    with pytest.raises(
+        TypeError, match=r"get_termination of task Reach returned .*; expected None"
+    ):
+        env.step([0.0])
+    del env.task.get_termination
+    assert env.step([0.0]).first()
+
+
 def test_a_wrapped_action_is_looked_into() -> None:
     Wrapped = collections.namedtuple("Wrapped", ["continuous_actions"])
     env = make()

@@ -411,7 +411,7 @@ def test_attributes_of_rows_are_read_and_set_from_outside() -> None:
 
 
 def test_code_that_does_not_play_rows_refuses_tasks_that_remember() -> None:
-    with pytest.raises(ValueError, match=r"Smooth remembers last_action, change.*evaluate\(\)"):
+    with pytest.raises(ValueError, match=r"Smooth remembers last_action, change.*batches play"):
         vectorisable(odd.environment(Smooth, 0))
 
 

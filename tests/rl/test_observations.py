@@ -1,6 +1,7 @@
 """Observations: flat or by name, of a single simulation or of a batch."""
 
 from collections import OrderedDict
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,3 +46,9 @@ def test_specs_have_each_arrays_shape_type_and_name_in_order() -> None:
         ("a", (4,), np.uint8),
     ]
     assert list(specs) == ["z", "a"]
+
+
+@pytest.mark.parametrize("returned", [None, np.zeros(3)])
+def test_an_observation_without_names_is_refused(returned: Any) -> None:
+    with pytest.raises(TypeError, match=r"returned .*; expected a mapping from names to arrays"):
+        specs_of(returned)

@@ -215,3 +215,12 @@ def test_success_is_all_terms_of_the_goal_nearly_1() -> None:
 
     for near, high, expected in ((1.0, 0.95, True), (1.0, 0.5, False), (0.5, 1.0, False)):
         assert Two().is_success({"near": near, "high": high, "small_control": 0.0}) == expected
+
+
+def test_a_goal_that_is_no_term_is_named() -> None:
+    class Misspelled(Stay):
+        GOAL = ("naer",)
+
+    message = "GOAL of task Misspelled names 'naer', which is none of its terms: near, high. Did"
+    with pytest.raises(ValueError, match=message):
+        Misspelled().is_success({"near": 1.0, "high": 1.0})

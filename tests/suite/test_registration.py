@@ -18,6 +18,7 @@ from limberjack import registry, suite
 from limberjack.registry import Row
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.streams import set_stream_fields
 from limberjack.suite import _registration, base, humanoid
 from limberjack.utils import containers
 from tests import tutorial
@@ -410,6 +411,45 @@ def _module(*factories: Callable[..., object], **attributes: object) -> ModuleTy
 # Any: keyword arguments of the factories of the suite.
 def good(**kwargs: Any) -> control.Environment:
     return humanoid.stand(**kwargs)
+
+
+class _Heavy(humanoid.Humanoid):
+    """A humanoid of another weight for each seed."""
+
+    EPISODE_FIELDS = ("body_mass",)
+
+    def begin_stream(self, random: np.random.RandomState) -> dict[str, np.ndarray]:
+        return {"body_mass": np.full(17, random.uniform(1, 9))}
+
+
+def heavy(random: Any = None, **kwargs: Any) -> control.Environment:
+    env = humanoid.stand(random=random, **kwargs)
+    env._task = _Heavy(0, False, random)
+    return env
+
+
+def heavy_itself(random: Any = None, **kwargs: Any) -> control.Environment:
+    env = heavy(random, **kwargs)
+    set_stream_fields(env.task, env.task.random, env.physics.simulation)
+    return env
+
+
+@pytest.mark.parametrize("factory", [heavy, heavy_itself])
+def test_the_fields_of_a_seed_are_set_once_whatever_the_factory_does(factory: Any) -> None:
+    suite.register("made", _module(factory))
+    name = factory.__name__
+    expected = np.random.RandomState(3)
+    mass = expected.uniform(1, 9)
+    single = suite.load("made", name, {"random": 3})
+    assert single.physics.model.body_mass[2] == mass
+    assert single.task.random.uniform() == expected.uniform()
+    batch = suite.load_batch("made", name, 2, seed=3)
+    batch.reset()
+    assert batch.physics.model.body_mass[0, 2] == mass
+    assert (
+        suite.load("made", name).physics.model.body_mass[2]
+        != humanoid.stand().physics.model.body_mass[2]
+    )
 
 
 def _with(**attributes: object) -> Callable[..., object]:

@@ -86,7 +86,10 @@ def _info(
         bool, typer.Option("--json", help="Print everything as JSON, with the files' SHA-256.")
     ] = False,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Compare the files' SHA-256 with the manifest's.")
+        bool,
+        typer.Option(
+            "--verify", help="Compare the files' SHA-256 and returns with the manifest's."
+        ),
     ] = False,
 ) -> None:
     """Show the returns, sizes and versions of a dataset, and check every page of its files."""

@@ -149,6 +149,7 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
       progress: an error before the first episode has begun is a mistake on the command line.
       done: the number of episodes that are complete, and how to continue, in words.
     """
+    from limberjack.episodes.manifest import DamagedError
     from limberjack.policies import PolicyError
     from limberjack.registry.sets import SetError
     from limberjack.rl.control import PhysicsError
@@ -161,7 +162,7 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
         raise typer.Exit(INTERRUPTED) from None
     except Exception as error:
         begun = progress.finished is not None
-        expected = (PolicyError, PhysicsError, WorkError, SetError, OSError)
+        expected = (PolicyError, PhysicsError, WorkError, SetError, DamagedError, OSError)
         if isinstance(error, expected if begun else (*expected, ValueError)):
             sentence = worded(error)
         else:
@@ -170,7 +171,7 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
             if begun:
                 error.add_note(f"limberjack: {done()}")
             raise
-        would_recur = isinstance(error, WorkError) and error.would_recur
+        would_recur = isinstance(error, DamagedError) or getattr(error, "would_recur", False)
         complain(f"{sentence}; {done()}" if begun and not would_recur else sentence)
         raise typer.Exit(FAILED if begun else MISUSED) from None
 

@@ -24,6 +24,7 @@ import itertools
 import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 
 import dm_env
 import numpy as np
@@ -32,7 +33,7 @@ from limberjack import suite
 from limberjack.episodes.column_statistics import Statistics, statistics_of
 from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.manifest import MANIFEST, File, sha256_of
+from limberjack.episodes.manifest import MANIFEST, DamagedError, File, Manifest, sha256_of
 from limberjack.episodes.parquet import Shard
 from limberjack.episodes.places import size_of
 from limberjack.episodes.reading import (
@@ -417,18 +418,26 @@ class Dataset:
         }
 
     def verify(self) -> None:
-        """Compares the SHA-256 of the files with the manifest's, if there is one.
+        """Compares the files with the manifest, if there is one: SHA-256, returns and statistics.
+
+        Returns and statistics are compared if this is all of a dataset in a folder.
 
         Raises:
-          ValueError: a file has another one.
+          ValueError: they differ.
         """
         for shard in self.shards:
             listed = self._files.get(shard.path.name)
             if listed is not None and sha256_of(shard.path) != listed.sha256:
-                raise ValueError(
+                raise DamagedError(
                     f"{shard.path} has another SHA-256 than in {MANIFEST}: repeat the command that "
                     "collected it with --repair, which makes it again"
                 )
+        first = self.shards[0].path
+        if self._files and isinstance(first, Path) and len(self._files) == len(self.shards):
+            path = first.parent.parent / MANIFEST
+            manifest = Manifest.read(path)
+            assert manifest is not None  # as it lists the files
+            manifest.check(path, [shard.figures() for shard in self.shards])
 
     def batches(self, size: int, *, seed: int | None = None, buffer: int = 0) -> Iterator[Batch]:
         """All transitions once, in batches; the last one may be smaller.

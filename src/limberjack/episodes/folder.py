@@ -35,6 +35,7 @@ from limberjack.episodes.manifest import (
     PARTS,
     File,
     Manifest,
+    damage_reported,
     file_name,
     named_seeds,
     united,
@@ -299,10 +300,12 @@ class Folder:
 
         Raises:
           OSError: as of `add`.
-          ValueError: a part is damaged.
+          DamagedError: a part is damaged.
         """
         self._check_alone()
-        self.took(seeds, self.writing.join(seeds, [*order.named()]))
+        with damage_reported():
+            file = self.writing.join(seeds, [*order.named()])
+        self.took(seeds, file)
 
     def took(self, seeds: range, file: File | None) -> list[tuple[range, Order]]:
         """Counts what was written in; returns a file that can be joined now, if any.
@@ -343,13 +346,18 @@ class Folder:
         """Writes the manifest and the card, or what a shard knows, if they are others than before.
 
         Raises:
-          ValueError: a file is damaged or of another dataset.
+          DamagedError: a file is damaged or of another dataset.
           OSError: one cannot be read or written.
         """
         self._remove_unfinished()  # of workers that were lost
-        if self._shard is not None:
-            self._write_record()
-            return
+        with damage_reported():
+            if self._shard is None:
+                self._write_manifest()
+            else:
+                self._write_record()
+
+    def _write_manifest(self) -> None:
+        """Writes the manifest and the card, and removes what they replace."""
         files = [self._file(seeds) for seeds in self._finished()]
         before = [] if self._manifest is None else self._manifest.wanted
         wanted = united([*before, *self._wanted, *(file.seeds for file in files)])
@@ -416,8 +424,9 @@ class Folder:
             if found and _range_with(int(found[1]), self._own) is not None:
                 remove(path)
         mark = "" if self._shard is None else f"{self._shard}-"
-        for path in named(self._parts, f"{_PROBE}{mark}*"):
-            remove(path)
+        for pattern in (f"{_PROBE}{mark}*", f".{_PROBE}{mark}*.part"):  # also one half written
+            for path in named(self._parts, pattern):
+                remove(path)
 
     def _check_alone(self) -> None:
         """Raises OSError if another process has logged a call since, for want of locks."""

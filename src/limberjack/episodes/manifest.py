@@ -8,12 +8,13 @@ It depends on the recipe and the seeds alone, as the files do. The file may come
 checked: a name that it lists is that of the seeds beside it, never another path.
 """
 
+import contextlib
 import dataclasses
 import hashlib
 import itertools
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.places import Place, exists, opened
@@ -25,8 +26,10 @@ __all__ = [
     "NOT_DRAWN",
     "PARTS",
     "SET_ASIDE",
+    "DamagedError",
     "File",
     "Manifest",
+    "damage_reported",
     "file_name",
     "named_seeds",
     "sha256_of",
@@ -39,9 +42,25 @@ MANIFEST, EPISODES, PARTS = "dataset.json", "episodes", "parts"
 SET_ASIDE = "%s is damaged: it was moved to %s, and is made again"
 NOT_DRAWN = "%s is complete, without %s: %s"
 
+_REPAIR = "repeat the command that collected it with --repair, which makes it again"
 _MOST_BYTES = 2**28  # of a manifest: ten million episodes
 _NAME = re.compile(r"seeds-(\d{10})-(\d{10})\.(parquet|part)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+class DamagedError(ValueError):
+    """A file of a dataset is damaged; the message says what to do about it."""
+
+
+@contextlib.contextmanager
+def damage_reported() -> Iterator[None]:
+    """Turns the ValueError of a damaged file into a `DamagedError`."""
+    try:
+        yield
+    except DamagedError:
+        raise
+    except ValueError as error:
+        raise DamagedError(f"{error}; or {_REPAIR}") from error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,6 +136,19 @@ class Manifest:
         }
         lines = [f"{json.dumps(name)}: {_lines(value)}" for name, value in content.items()]
         return "{\n" + ",\n".join(lines) + "\n}\n"
+
+    def check(self, path: Place, figures: Sequence[Figures]) -> None:
+        """Compares what a file says of the episodes with the figures of each file of episodes.
+
+        Raises:
+          DamagedError: they differ.
+          OSError: it cannot be read.
+        """
+        with opened(path) as file:
+            found = json.loads(file.read(_MOST_BYTES))
+        for name, expected in json.loads(self.text(figures)).items():
+            if found.get(name) != expected:
+                raise DamagedError(f"the {name} in {path} are not those of the episodes: {_REPAIR}")
 
     @classmethod
     def read(cls, path: Place) -> "Manifest | None":

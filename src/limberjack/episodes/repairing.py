@@ -4,7 +4,8 @@
 
 Every page of every file is read. A file is damaged if it cannot be read, if it has other episodes
 than its name says, or if the manifest lists another SHA-256. So is a manifest, or a list of a
-shard's files, that cannot be read. What is moved keeps its name, and nothing is removed.
+shard's files, that cannot be read, and a manifest with other returns than the files. What is moved
+keeps its name, and nothing is removed.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ from limberjack.episodes.manifest import (
     MANIFEST,
     PARTS,
     SET_ASIDE,
+    DamagedError,
     File,
     Manifest,
     named_seeds,
@@ -60,15 +62,30 @@ def set_aside(directory: Place, recipe: Recipe) -> list[int]:
 
 
 def _damaged_lists(directory: Place, recipe: Recipe) -> Iterator[Place]:
-    """Manifests that cannot be read; raises ValueError for one of another dataset."""
+    """Manifests that cannot be read or are wrong; raises ValueError for one of another dataset."""
     for path in (directory / MANIFEST, *named(directory / PARTS, "dataset-*.json")):
         try:
             manifest = Manifest.read(path)
         except ValueError:
             yield path
             continue
-        if manifest is not None:
-            _check_recipe(path, manifest.recipe, recipe)
+        if manifest is None:
+            continue
+        _check_recipe(path, manifest.recipe, recipe)
+        if path.name == MANIFEST and _is_wrong(path, manifest, directory / EPISODES):
+            yield path
+
+
+def _is_wrong(path: Place, manifest: Manifest, episodes: Place) -> bool:
+    """Whether a manifest says something else of the episodes than their files, if all are there."""
+    try:
+        shards = [Shard(episodes / file.name) for file in manifest.files]
+        manifest.check(path, [shard.figures() for shard in shards])
+    except DamagedError:
+        return True
+    except (OSError, ValueError):  # a file of episodes is the damaged one
+        return False
+    return any(file.rows != one.rows for file, one in zip(manifest.files, shards, strict=True))
 
 
 def _damaged_files(directory: Place, recipe: Recipe) -> Iterator[Place]:

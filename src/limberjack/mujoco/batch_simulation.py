@@ -113,6 +113,7 @@ class BatchSimulation(CountsWarnings):
         )
         self._shares = num_envs > _A_FEW and not self.remembers
         self._was_called = False
+        self.num_calls = 0  # of `advance`
         size = num_envs * mujoco.mj_stateSize(self._light, STATE) * np.dtype(float).itemsize
         with allocating(f"a batch of {num_envs} simulations", size):
             self._make(num_envs, own_fields)
@@ -221,6 +222,7 @@ class BatchSimulation(CountsWarnings):
           rows: sorted row numbers, None for all.
         """
         self._adopt()
+        self.num_calls += 1
         if rows is None:
             np.copyto(self._before, self._state)
             self._calls.fill(call)

@@ -122,6 +122,8 @@ def _problem(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) ->
         for index in np.ndindex(spec.shape):
             if all(effect(_with(action, index, bound[index])) == before for bound in (low, high)):
                 return f"{shape} is not what it takes: number {list(index)} of it has no effect"
+    except (AttributeError, NameError):  # a mistake of another kind, such as a misspelled name
+        raise
     except Exception as error:  # a task may raise anything for an action that it does not accept
         return f"{shape} makes before_step raise {type(error).__name__}: {error}"
     return None

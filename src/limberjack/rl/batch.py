@@ -43,6 +43,7 @@ from limberjack.rl.copies import check_copies
 from limberjack.rl.endings import Counter, Repeated
 from limberjack.rl.episode_attributes import EpisodeAttributes, check_declared
 from limberjack.rl.given_state import state_sizes
+from limberjack.rl.late_changes import LateChanges
 from limberjack.rl.memory import Memory, remembered
 from limberjack.rl.pixels import Frames, Pixels
 from limberjack.rl.randomize import show_drawn
@@ -121,6 +122,7 @@ class BatchEnvironment(Batch):
         if not proved:
             self._check_task(spec)
         self._memory = EpisodeAttributes(task, num_envs, proved)
+        self._late = None if proved else self._new_late_changes()
         self._observed = {}
         self._has_observed = np.zeros(num_envs, bool)
         self._begin_streams(range(num_envs))
@@ -191,6 +193,8 @@ class BatchEnvironment(Batch):
             self._replicas.check()
             checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
             stepped = ~begins if self._remembers else None
+            if self._late is not None:
+                self._late.begin_step()
             self._before_step(checked, stepped)
             # Until the step is complete: after an interrupt, all rows begin again.
             self._begins = self._all_begin.copy()
@@ -247,6 +251,8 @@ class BatchEnvironment(Batch):
             active = active & ~last
         for rows, saved in waiting:
             simulation.load(saved, rows)
+            if self._late is not None:
+                self._late.computed(rows)
         self.diverged = diverged
         self._reward_terms, self._last_terms = total.terms, total.last_terms
         if self._memory.names:
@@ -279,7 +285,12 @@ class BatchEnvironment(Batch):
           A mask of the rows that did not diverge, (num_envs,); None if nothing is remembered.
         """
         running = None if active is None else np.flatnonzero(active)
+        late = self._late
+        doubts = [] if late is None else late.doubts(running)
         self.diverged = self._replicas.step(running, self._n_sub_steps)
+        if late is not None:
+            late.check(doubts, self._n_sub_steps, self.diverged)
+            late.computed()
         if arrays.any_of(self.diverged):
             self._report_divergence()
         stepped = None
@@ -305,7 +316,10 @@ class BatchEnvironment(Batch):
         physics = self._replicas.physics
         going_on = None if rows is None else rows & ~self._counter.reach_limit
         with self._memory.during("get_termination", physics, going_on):
-            return self._task.get_termination(physics)
+            ending = self._task.get_termination(physics)
+        if self._late is not None:
+            self._late.after_hooks()
+        return ending
 
     def snapshot(self, rows: RowNumbers = None) -> Snapshot:
         """See `Batch`."""
@@ -352,6 +366,8 @@ class BatchEnvironment(Batch):
             self._set_limits(rows, snapshot.limits)
             if memory:
                 self._memory.load(rows, memory)
+            if self._late is not None:
+                self._late.forget()
             self._has_observed[rows] = False
             self._begins[rows], self.diverged[rows] = snapshot.begins, False
 
@@ -368,7 +384,7 @@ class BatchEnvironment(Batch):
         with arrays.rows_of_a_batch(self.num_envs):
             for name, values in states.items():
                 getattr(self._replicas.physics.data, name)[rows] = values
-            self._replicas.start(rows)
+            self._start(rows)
             if self._frames is not None:
                 self._frames.forget(rows)
             if self._faults is not None:
@@ -394,6 +410,9 @@ class BatchEnvironment(Batch):
         with self._memory.of_row(0, single, "check_task"):
             self._check_task(bounded_spec(self._task, single))
 
+    def _new_late_changes(self) -> LateChanges:
+        return LateChanges(self._replicas, type(self._task).__name__, self._saved_fields)
+
     def _check_task(self, spec: specs.BoundedArray) -> None:
         how = self._n_sub_steps, self._saved_fields, self._randomizer
         check_batch_safe(self._task, self._replicas, spec, *how)
@@ -404,7 +423,8 @@ class BatchEnvironment(Batch):
 
     def __getstate__(self) -> dict[str, object]:
         """State for an equal batch: for pickling, deep copies and spawned processes."""
-        kept = {k: v for k, v in vars(self).items() if k not in ("_replicas", "_use", "_frames")}
+        unlike = ("_replicas", "_use", "_frames", "_late")  # each batch has its own
+        kept = {name: value for name, value in vars(self).items() if name not in unlike}
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
         drawing = None if self._frames is None else (self._frames.pixels, self._frames.schedule)
         return {**kept, "making": making, "drawing": drawing, "snapshot": self.snapshot()}
@@ -418,6 +438,7 @@ class BatchEnvironment(Batch):
         vars(self).update(state)
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
+        self._late = None if self._memory.is_idle else self._new_late_changes()
         self._frames = None
         if drawing is not None:
             pixels, schedule = drawing
@@ -526,7 +547,7 @@ class BatchEnvironment(Batch):
                 replicas.simulation.set_fields(drawn, row)
             with replicas.episode(row) as one, self._memory.of_row(row, one):
                 task.initialize_episode(one)
-        replicas.start(rows)
+        self._start(rows)
         if self._frames is not None:
             self._frames.forget(rows)
         self._counter.steps[rows] = 0
@@ -534,6 +555,12 @@ class BatchEnvironment(Batch):
             for row in rows.tolist():
                 limit = self._stagger.limit_of_next(row, self._counter.step_limit)
                 self._counter.limits[row] = limit
+
+    def _start(self, rows: np.ndarray) -> None:
+        """Computes all quantities of rows from the states in which they start."""
+        self._replicas.start(rows)
+        if self._late is not None:
+            self._late.computed(rows)
 
     def _saved_pictures(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Stacks of pictures, and what looks are drawn from, if there are any."""

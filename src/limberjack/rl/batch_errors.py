@@ -124,8 +124,8 @@ class Finding:
     def _advice(self) -> str:
         if self.label.startswith(("data.", "model.")):
             return (
-                "before_step and after_step must set it for each row separately; positions and "
-                "mocap bodies can be set only at an episode's start"
+                "before_step and after_step must set it for each row separately, and call "
+                "physics.forward() after setting positions, velocities, mocap bodies or the model"
             )
         return _ADVICE
 

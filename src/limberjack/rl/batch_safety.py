@@ -32,10 +32,17 @@ from limberjack.mujoco.fields import fields_of_rows
 from limberjack.mujoco.replicas import Replicas
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_errors import Finding, NotVectorised, explained
-from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.contract import (
+    Physics,
+    PhysicsError,
+    SimulatedPhysics,
+    Task,
+    check_ending,
+)
 from limberjack.rl.copies import difference
 from limberjack.rl.episode_attributes import EpisodeAttributes, advice
 from limberjack.rl.episode_values import declared, keep_own, values_of
+from limberjack.rl.late_changes import LateChanges
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms, success_of
@@ -261,10 +268,16 @@ class _Trial:
         """Makes a control step, in a single simulation or in some rows, None for all."""
         read: Physics = physics  # pyright: ignore[reportAssignmentType] (implements both)
         steps = None if running is None else np.isin(np.arange(self._num_rows), running)
+        is_batch = task is self._task
+        if is_batch:
+            self._late.begin_step()
         with self._hook("before_step", task, watch, steps):
             task.before_step(action.copy(), read)
-        if task is self._task:
-            self._rows.step(running, n_sub_steps)
+        if is_batch:
+            doubts = self._late.doubts(running)
+            diverged = self._rows.step(running, n_sub_steps)
+            self._late.check(doubts, n_sub_steps, diverged)
+            self._late.computed()
         else:
             keep_own(task, self._declared, self._first)
             physics.step(n_sub_steps)
@@ -287,6 +300,7 @@ class _Trial:
         task, rows = self._task, self._rows
         batch = rows.physics
         self._memory = EpisodeAttributes(task, self._num_rows)
+        self._late = LateChanges(rows, self._name, self._fields)
         self._memory.load(np.arange(self._num_rows), self._starts)
         rows.start(np.arange(self._num_rows))
         yield self._seen(task, batch, is_step=False, expected=expected[0])
@@ -348,7 +362,10 @@ class _Trial:
         if is_step:
             with self._hook("get_termination", task, watch):
                 ending = task.get_termination(read)
+            check_ending(task, ending)
             seen["get_termination"] = np.nan if ending is None else ending
+            if is_batch:
+                self._late.after_hooks()
         if not is_batch:
             keep_own(task, self._declared, self._first)
             _check_returned(self._name, seen)

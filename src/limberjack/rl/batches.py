@@ -106,12 +106,14 @@ def vectorisable(env: object) -> Environment:
     if declared(env.task):
         raise ValueError(
             f"task {type(env.task).__name__} remembers {', '.join(declared(env.task))} "
-            "(EPISODE_ATTRIBUTES); evaluate() and batches play such tasks"
+            "(EPISODE_ATTRIBUTES); policies of observations and batches play such tasks"
         )
     try:
         BatchEnvironment.from_environment(env, 1, 1, seed=0).close()
     except NotVectorised as reason:
-        raise ValueError(f"{reason.args[0]}; evaluate() and batches play such tasks") from reason
+        raise ValueError(
+            f"{reason.args[0]}; policies of observations and batches play such tasks"
+        ) from reason
     return env
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "SimulatedPhysics",
     "Simulation",
     "Task",
+    "check_ending",
 ]
 
 # Any: an action or a spec is an array or a nested structure of arrays, chosen by the task.
@@ -234,3 +235,13 @@ class Task(abc.ABC, Generic[_Physics]):
     def observation_spec(self, physics: _Physics) -> Nested:
         """Spec of the observation; by default it is derived from an observation."""
         raise NotImplementedError(f"{type(self).__name__} does not define observation_spec")
+
+
+def check_ending(task: object, ending: object) -> None:
+    """Raises TypeError for a result of `get_termination` that says whether, and not how, to end."""
+    if np.asarray(ending).dtype == bool:
+        raise TypeError(
+            f"get_termination of task {type(task).__name__} returned {ending!r}; expected None or "
+            "NaN while the episode continues, and the discount, such as 0.0, when it ends: "
+            "np.where(fallen, 0.0, np.nan)"
+        )

@@ -31,7 +31,14 @@ import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.rl import action_specs
-from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.contract import (
+    Nested,
+    Physics,
+    PhysicsError,
+    SimulatedPhysics,
+    Task,
+    check_ending,
+)
 from limberjack.rl.copies import (
     check_copies,
     copied,
@@ -283,7 +290,7 @@ class Environment(dm_env.Environment):
         try:
             if self._reset_next_step:
                 return self.reset()  # a subclass may define another one, as in dm_control
-            self.__check_action(action)
+            action = self.__checked(action)
             number = 0
             while True:
                 self._begin_control_step(action, number)
@@ -328,6 +335,8 @@ class Environment(dm_env.Environment):
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
+        if type(reward) is np.ndarray:  # such as `qvel[..., 0]`, a view of live memory
+            reward = reward.copy()[()]
         if ours.faults is not None:
             reward = ours.faults.reward(reward)
         if ours.action_repeat == 1:
@@ -351,6 +360,7 @@ class Environment(dm_env.Environment):
         if self._flat_observation or ours.frames is not None:
             observation = self.__in_form(observation)
         if is_last:
+            check_ending(task, ending)
             return dm_env.TimeStep(_LAST, reward, ending, observation)
         self._reset_next_step = False
         return dm_env.TimeStep(_MID, reward, 1.0, observation)
@@ -761,24 +771,28 @@ class Environment(dm_env.Environment):
             observation = ours.faults.shown(observation)
         return flatten_observation(observation) if self._flat_observation else observation
 
-    def __check_action(self, action: object) -> None:
-        """Raises unless the action is made of finite numbers; the task checks its shape.
+    def __checked(self, action: object) -> object:
+        """The action, as an array if it is a list; raises unless it is made of finite numbers.
 
-        If the spec is a nested structure, the task checks everything.
+        The task checks its shape, and everything if the spec is a nested structure.
         """
         # Not a wider type, whose finite values may be infinite as controls.
         if type(action) is np.ndarray and action.dtype.char in "df":
             # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():
                 action_specs.check_finite(action)
-            return
+            return action
         try:
             given = action_specs.as_numbers(getattr(action, "continuous_actions", action))
         except (TypeError, ValueError):
             if isinstance(self._task.action_spec(self._physics), specs.Array):
                 raise
-            return
+            return action
         action_specs.check_finite(given)
+        is_list = type(action) in (list, tuple)
+        if is_list and isinstance(self._task.action_spec(self._physics), specs.Array):
+            return given
+        return action
 
 
 def set_action_repeat(env: Environment, repeat: int) -> None:

@@ -65,7 +65,15 @@ def of_rows(observation: Observation, num_envs: int, flat: bool) -> MutableMappi
 
 
 def specs_of(observation: Observation) -> collections.OrderedDict[str, specs.Array]:
-    """Shapes and dtypes of an observation, by name."""
+    """Shapes and dtypes of an observation, by name.
+
+    Raises:
+      TypeError: it is not a mapping.
+    """
+    if not isinstance(observation, Mapping):
+        raise TypeError(
+            f"get_observation returned {observation!r}; expected a mapping from names to arrays"
+        )
     return collections.OrderedDict(
         (name, specs.Array(np.shape(value), np.asarray(value).dtype, name=name))
         for name, value in observation.items()

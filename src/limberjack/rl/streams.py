@@ -20,7 +20,9 @@ time. The first episode of a row is truncated after a number of steps, uniform f
 which is drawn from a separate stream. No draw of the task changes, and later episodes are full.
 """
 
+import contextlib
 import math
+import weakref
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -35,10 +37,13 @@ __all__ = [
     "Streams",
     "check_limit",
     "check_not_randomized",
+    "set_forgotten_fields",
     "set_stream_fields",
     "stream_of",
 ]
 
+# Tasks whose streams have begun, by id.
+_have_fields: "weakref.WeakValueDictionary[int, Task]" = weakref.WeakValueDictionary()
 _OWN = np.uint32(1)  # keeps the stream apart from the one of `randomize`
 _FULL = 1.0  # share of the limit of an episode that is not cut short
 
@@ -95,7 +100,16 @@ def set_stream_fields(
     fields = _fields(task, random)
     if fields:
         simulation.set_fields(fields, row)
+    with contextlib.suppress(TypeError):  # of a class without weak references
+        _have_fields[id(task)] = task
     return bool(fields)
+
+
+def set_forgotten_fields(task: Task, simulation: Simulation) -> None:
+    """Sets the fields of a new environment's stream, unless its factory has set them already."""
+    begin = getattr(type(task), "begin_stream", None)
+    if begin not in (None, Task.begin_stream) and _have_fields.get(id(task)) is not task:
+        set_stream_fields(task, stream_of(task), simulation)
 
 
 def check_not_randomized(task: Task, randomized: Sequence[str]) -> None:

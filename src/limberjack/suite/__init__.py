@@ -29,6 +29,7 @@ from limberjack.rl.builds import Build
 from limberjack.rl.copies import control_of, difference
 from limberjack.rl.many import ManyTasks
 from limberjack.rl.rows import RowsEnvironment
+from limberjack.rl.streams import set_forgotten_fields
 from limberjack.suite import many
 from limberjack.suite._registration import (
     Domains,
@@ -394,7 +395,10 @@ def module_of(domain_name: str) -> ModuleType:
     domain = find(domain_name)
     if domain is None:
         message = f"Domain {domain_name!r} does not exist."
-        raise ValueError(_no_choice(domain_name, _DOMAINS, message))
+        raise ValueError(
+            f"{_no_choice(domain_name, _DOMAINS, message)} Register one of your own first: "
+            "suite.register(name, module), or --import MODULE before a command"
+        )
     return domain.load()
 
 
@@ -431,6 +435,7 @@ def build_environment(
     if isinstance(inner, control.Environment):
         inner._ours.registration = registration_of(domain_name)
         inner._ours.name = where
+        set_forgotten_fields(inner.task, inner.physics.simulation)
         inner._ours.seeded = getattr(inner.task, "random", None), kwargs.get("random")
         inner.task.visualize_reward = visualize_reward
     return environment

@@ -23,6 +23,7 @@ from limberjack.rl.pixels import PixelOptions, Pixels
 from limberjack.rl.randomize import Draw
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
+from limberjack.utils.suggest import did_you_mean
 from limberjack.worlds.appearance import Appearance, AppearanceOptions
 from limberjack.worlds.faults import Faults, Parameter
 
@@ -203,8 +204,19 @@ class Task(control.Task[_Physics]):
         return functools.reduce(lambda product, term: product * term, terms.values())
 
     def is_success(self, terms: dict[str, Quantity]) -> Quantity:
-        """Whether the goal is currently reached, (...) booleans: all of its terms are nearly 1."""
-        return functools.reduce(np.logical_and, (terms[name] >= _SUCCESS for name in self.GOAL))
+        """Whether the goal is currently reached, (...) booleans: all of its terms are nearly 1.
+
+        Raises:
+          ValueError: GOAL names what is no term.
+        """
+        try:
+            return functools.reduce(np.logical_and, (terms[name] >= _SUCCESS for name in self.GOAL))
+        except KeyError as error:
+            name = str(error.args[0])
+            raise ValueError(
+                f"GOAL of task {type(self).__name__} names {name!r}, which is none of its terms: "
+                f"{', '.join(terms)}.{did_you_mean(name, terms)}"
+            ) from None
 
     def start(self, physics: _Physics) -> str | None:
         """The kind of start of an episode that has just begun, one of `STARTS`; None if empty."""
