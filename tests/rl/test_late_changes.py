@@ -171,12 +171,12 @@ def test_comparing_many_rows_is_logged_once(caplog: pytest.LogCaptureFixture) ->
 
 
 def test_what_a_user_sets_between_steps_is_not_the_tasks() -> None:
-    batch = rl.batch_of(_build(Pushed, moment=np.inf), 3, seed=0)
+    single = _build(Pushed, moment=np.inf)(0)
+    batch = BatchEnvironment.from_environment(single, 3, 1, seed=0)
     batch.reset()
     for _ in range(3):
         batch.physics.data.qvel[1] = 0.1
-        batch.step(np.zeros((batch.num_envs, 6)))
-    assert batch.why_rows is None
+        assert batch.step(np.zeros((3, 6))).reward.shape == (3,)
 
 
 def test_a_copy_of_a_batch_refuses_late_changes_too() -> None:

@@ -18,6 +18,7 @@ from limberjack import registry, suite
 from limberjack.registry import Row
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.shared_streams import fingerprint
 from limberjack.rl.streams import set_stream_fields
 from limberjack.suite import _registration, base, humanoid
 from limberjack.utils import containers
@@ -525,6 +526,48 @@ def test_attributes_of_a_task_that_other_modules_read_are_checked(
 ) -> None:
     with pytest.raises(ValueError, match=f"the task of odd has {message}"):
         _registration.rows_of("body", _module(_with(**attributes)))
+
+
+class _Odd(humanoid.Humanoid):
+    """Misspells a joint as an episode begins."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.named.data.qpos["rooot"] = 0.0
+
+
+class _Without(humanoid.Humanoid):
+    GOAL = ("standig",)
+
+
+class _Nothing(humanoid.Humanoid):
+    def get_observation(self, physics: Any) -> Any:
+        physics.head_height()
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (
+            _Odd,
+            "raises KeyError in its first step: .*'rooot'. Did you mean 'root'",
+        ),
+        (_Without, "raises ValueError in its first step: GOAL of task _Without names 'standig'"),
+        (_Nothing, "raises TypeError in its first step: get_observation returned None; expected"),
+        (None, "has another stream each time for random=0: give the task `random`"),
+    ],
+)
+def test_mistakes_that_a_first_step_shows_are_found(kind: Any, message: str) -> None:
+    def odd(random: Any = None, **kwargs: Any) -> control.Environment:
+        if kind is None:
+            return humanoid.stand(**kwargs)
+        env = humanoid.stand(random=random, **kwargs)
+        env._task = kind(0, False, random)
+        return env
+
+    before = fingerprint(np.random)
+    with pytest.raises(ValueError, match=f"the environment of odd {message}"):
+        _registration.rows_of("body", _module(odd))
+    assert fingerprint(np.random) == before
 
 
 def test_a_cost_with_a_module_and_a_class_is_accepted() -> None:

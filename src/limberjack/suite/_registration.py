@@ -9,16 +9,19 @@ which also gives the episode lengths.
 
 import importlib
 import inspect
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from types import ModuleType
 from typing import Any
 
 import dm_env
+import numpy as np
+from dm_env import specs
 
 from limberjack import registry
 from limberjack.registry import Domain, Row
 from limberjack.rl import control
 from limberjack.rl.copies import control_of
+from limberjack.rl.shared_streams import fingerprint, put_back_after
 from limberjack.suite import base
 
 __all__ = [
@@ -302,7 +305,11 @@ def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None
         wrong = _task_problems(inner)
         dof = getattr(getattr(inner.physics, "model", None), "nv", 0)
         steps = control.Environment.step_limit.of(inner)
-    problems += [f"the task of {task} has {what}" for what in wrong]
+    if isinstance(inner, control.Environment) and not wrong:
+        wrong = _play_problems(environment, inner, factory)
+        problems += [f"the environment of {task} {what}" for what in wrong]
+    else:
+        problems += [f"the task of {task} has {what}" for what in wrong]
     tags = tuple(str(tag) for tag in suite.tags() if task in suite.tagged(tag))
     environment.close()
     return None if wrong else Row(name, task, tags, steps, int(dof))
@@ -314,6 +321,32 @@ def _missing_keywords(factory: object) -> list[str]:
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
         return []
     return [name for name in _KEYWORDS if name not in parameters]
+
+
+def _play_problems(
+    environment: dm_env.Environment,
+    inner: control.Environment,
+    factory: Callable[..., dm_env.Environment],
+) -> list[str]:
+    """Problems that another environment of the same seed shows, and a first step."""
+    with put_back_after():
+        try:
+            other = factory(random=0)
+            streams = [getattr(one.task, "random", None) for one in (inner, control_of(other))]
+            drawn = {fingerprint(one) for one in streams if isinstance(one, np.random.RandomState)}
+            other.close()
+            if len(drawn) > 1:
+                return ["has another stream each time for random=0: give the task `random`"]
+            environment.reset()
+            environment.observation_spec()
+            spec = environment.action_spec()
+            if isinstance(spec, specs.BoundedArray):
+                zero = np.zeros(spec.shape, spec.dtype)
+                environment.step(np.clip(zero, spec.minimum, spec.maximum))
+                control.Environment.success.of(inner)
+        except Exception as error:  # a user's code may raise anything; reported with the others
+            return [f"raises {type(error).__name__} in its first step: {error}"]
+    return []
 
 
 def _task_problems(environment: control.Environment) -> list[str]:
