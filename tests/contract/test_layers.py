@@ -33,6 +33,7 @@ _FLOORS = {
     "limberjack.rl.batches": 3,
     "limberjack.rl.builds": 3,
     "limberjack.rl.episode_attributes": 3,
+    "limberjack.rl.late_changes": 3,
     "limberjack.rl.row_trial": 3,
     "limberjack.rl.rows": 3,
     "limberjack.rl.watch": 3,

@@ -310,6 +310,7 @@ def test_cached_keys_read_the_current_values(physics: Physics) -> None:
         (["boat", "mst"], KeyError, "'mst'"),
         (..., IndexError, "Ellipsis"),
         ((..., "x"), IndexError, "Ellipsis"),
+        ((..., "boat", "x"), IndexError, "leave out `...`, also in a batch"),
         (None, IndexError, "None"),
         (("boat", None), IndexError, "None"),
         ("", IndexError, "Empty strings"),

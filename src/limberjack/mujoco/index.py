@@ -197,9 +197,10 @@ class FieldIndexer:
         items = key if isinstance(key, tuple) else (key,)
         dimensions = self._field.ndim - self._batch
         if len(items) > dimensions:
+            advice = ": leave out `...`, also in a batch" if items[0] is Ellipsis else ""
             raise IndexError(
                 f"Index tuple has {len(items)} elements, but array has only {dimensions} "
-                f"dimensions: {self._name}[{key!r}]"
+                f"dimensions: {self._name}[{key!r}]{advice}"
             )
         axes = (*filter(None, self._axes), *(_UNNAMED,) * len(items))
         index = tuple(axis.convert_key_item(item) for axis, item in zip(axes, items, strict=False))

@@ -111,7 +111,6 @@ class BatchEnvironment(Batch):
         self._seeds = self._streams.seeds
         self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
         self._steps = self._counter.steps
-        self._forms = {}
         self._reward_terms: dict[str, Quantity] = {}
         self._last_terms: Mapping[str, Quantity] = {}  # of each row's last control step
         if stagger:
@@ -122,9 +121,8 @@ class BatchEnvironment(Batch):
         if not proved:
             self._check_task(spec)
         self._memory = EpisodeAttributes(task, num_envs, proved)
-        self._late = None if proved else self._new_late_changes()
-        self._observed = {}
-        self._has_observed = np.zeros(num_envs, bool)
+        self._late = self._new_late_changes()
+        self._forget_observations()
         self._begin_streams(range(num_envs))
 
     @classmethod
@@ -193,8 +191,7 @@ class BatchEnvironment(Batch):
             self._replicas.check()
             checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
             stepped = ~begins if self._remembers else None
-            if self._late is not None:
-                self._late.begin_step()
+            self._late.begin_step()
             self._before_step(checked, stepped)
             # Until the step is complete: after an interrupt, all rows begin again.
             self._begins = self._all_begin.copy()
@@ -251,8 +248,7 @@ class BatchEnvironment(Batch):
             active = active & ~last
         for rows, saved in waiting:
             simulation.load(saved, rows)
-            if self._late is not None:
-                self._late.computed(rows)
+            self._late.computed(rows)
         self.diverged = diverged
         self._reward_terms, self._last_terms = total.terms, total.last_terms
         if self._memory.names:
@@ -285,12 +281,10 @@ class BatchEnvironment(Batch):
           A mask of the rows that did not diverge, (num_envs,); None if nothing is remembered.
         """
         running = None if active is None else np.flatnonzero(active)
-        late = self._late
-        doubts = [] if late is None else late.doubts(running)
+        doubts = self._late.doubts(running)
         self.diverged = self._replicas.step(running, self._n_sub_steps)
-        if late is not None:
-            late.check(doubts, self._n_sub_steps, self.diverged)
-            late.computed()
+        self._late.check(doubts, self._n_sub_steps, self.diverged)
+        self._late.computed()
         if arrays.any_of(self.diverged):
             self._report_divergence()
         stepped = None
@@ -317,8 +311,7 @@ class BatchEnvironment(Batch):
         going_on = None if rows is None else rows & ~self._counter.reach_limit
         with self._memory.during("get_termination", physics, going_on):
             ending = self._task.get_termination(physics)
-        if self._late is not None:
-            self._late.after_hooks()
+        self._late.after_hooks()
         return ending
 
     def snapshot(self, rows: RowNumbers = None) -> Snapshot:
@@ -366,8 +359,7 @@ class BatchEnvironment(Batch):
             self._set_limits(rows, snapshot.limits)
             if memory:
                 self._memory.load(rows, memory)
-            if self._late is not None:
-                self._late.forget()
+            self._late.forget()
             self._has_observed[rows] = False
             self._begins[rows], self.diverged[rows] = snapshot.begins, False
 
@@ -411,7 +403,12 @@ class BatchEnvironment(Batch):
             self._check_task(bounded_spec(self._task, single))
 
     def _new_late_changes(self) -> LateChanges:
-        return LateChanges(self._replicas, type(self._task).__name__, self._saved_fields)
+        name, is_idle = type(self._task).__name__, self._memory.is_idle
+        return LateChanges(self._replicas, name, self._saved_fields, is_idle)
+
+    def _forget_observations(self) -> None:
+        self._forms, self._observed = {}, {}
+        self._has_observed = np.zeros(self.num_envs, bool)
 
     def _check_task(self, spec: specs.BoundedArray) -> None:
         how = self._n_sub_steps, self._saved_fields, self._randomizer
@@ -438,7 +435,7 @@ class BatchEnvironment(Batch):
         vars(self).update(state)
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
-        self._late = None if self._memory.is_idle else self._new_late_changes()
+        self._late = self._new_late_changes()
         self._frames = None
         if drawing is not None:
             pixels, schedule = drawing
@@ -559,8 +556,7 @@ class BatchEnvironment(Batch):
     def _start(self, rows: np.ndarray) -> None:
         """Computes all quantities of rows from the states in which they start."""
         self._replicas.start(rows)
-        if self._late is not None:
-            self._late.computed(rows)
+        self._late.computed(rows)
 
     def _saved_pictures(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Stacks of pictures, and what looks are drawn from, if there are any."""

@@ -63,8 +63,18 @@ class Doubt(NamedTuple):
 class LateChanges:
     """See the module's docstring."""
 
-    def __init__(self, replicas: Replicas[Any], task: str, fields: Sequence[str]) -> None:
-        """Takes the simulations, the task's name, and the model fields of each row."""
+    # Any: of the domain's own physics.
+    def __init__(
+        self, replicas: Replicas[Any], task: str, fields: Sequence[str], is_idle: bool = False
+    ) -> None:
+        """Begins with rows whose quantities belong to their states.
+
+        Args:
+          replicas: the simulations.
+          task: the task's name.
+          fields: the model fields of which each row has its own.
+          is_idle: whether the task is known to change nothing late, so that nothing is compared.
+        """
         self._replicas, self._task, self._fields = replicas, task, tuple(fields)
         model = replicas.single.model._model
         sizes = {n: mujoco.mj_stateSize(model, bit.value) for n, bit in _PARTS.items()}
@@ -75,7 +85,8 @@ class LateChanges:
             for first in [mujoco.mj_stateSize(model, STATE & (_PARTS[name].value - 1))]
             if size
         }
-        self._is_split = replicas.physics.legacy_step and model.opt.integrator != _RUNGE_KUTTA
+        is_split = replicas.physics.legacy_step and model.opt.integrator != _RUNGE_KUTTA
+        self._is_watching = is_split and not is_idle
         self._has_warned = False
         self._is_pending = False  # whether hooks after the last step have changed something
         self.computed()
@@ -84,7 +95,7 @@ class LateChanges:
         """Notes that MuJoCo has computed from the present state of rows, None for all."""
         simulation = self._replicas.simulation
         self._calls = simulation.num_calls
-        if not self._is_split:
+        if not self._is_watching:
             return
         if rows is None:
             self._is_pending = False
@@ -167,7 +178,7 @@ class LateChanges:
         simulation = self._replicas.simulation
         if simulation.num_calls != self._calls:  # by a hook, from what it has set
             self.computed()
-        if not self._is_split:
+        if not self._is_watching:
             return _NO_ROWS
         pairs = [(self._state[:, at], simulation.state[:, at]) for at in self._slices.values()]
         pairs += [(values, simulation.own_fields[n][:]) for n, values in self._own.items()]
