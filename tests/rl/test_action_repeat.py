@@ -460,3 +460,26 @@ def test_anything_but_a_whole_number_from_1_is_refused_by_name(repeat: Any) -> N
     for make in makers:
         with pytest.raises(ValueError, match=r"action_repeat is .*; expected a whole number"):
             make()
+
+
+class Coarse(odd.Pole):
+    """Its rewards have the precision of float32."""
+
+    def get_reward(self, physics: Any) -> Any:
+        return np.cos(physics.data.qpos[..., 0]).astype(np.float32)
+
+
+@pytest.mark.parametrize("vectorised", _KINDS)
+def test_rewards_of_less_precision_are_added_in_float64(vectorised: bool) -> None:
+    build = functools.partial(odd.environment, Coarse, time_limit=1.0)
+    single = build(0)
+    control.set_action_repeat(single, 3)
+    batch = rl.batch_of(build, 1, seed=0, action_repeat=3, vectorised=vectorised)
+    single.reset()
+    batch.reset()
+    by_hand = build(0)
+    by_hand.reset()
+    for _ in range(3):
+        rewards = [np.float64(by_hand.step([0.5]).reward) for _ in range(3)]
+        reward = single.step([0.5]).reward
+        assert reward == batch.step([[0.5]]).reward[0] == sum(rewards)

@@ -76,6 +76,7 @@ __all__ = [
     "shown_by",
 ]
 
+_NO_REWARD = np.float64(0.0)  # to which rewards of less precision are added, as in a batch
 _MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST  # read faster than from the enum
 
 
@@ -323,7 +324,7 @@ class Environment(dm_env.Environment):
         if getattr(task, EPISODE_ATTRIBUTES, None):
             self.__keep_own()
         if ours.action_repeat != 1 and number == 0:  # the action was not refused
-            ours.reward_so_far, ours.reward_terms = 0.0, {}
+            ours.reward_so_far, ours.reward_terms = _NO_REWARD, {}
         self._reset_next_step = True  # until the step is complete
 
     def _end_control_step(self, number: int) -> dm_env.TimeStep | None:
