@@ -337,7 +337,7 @@ class Environment(dm_env.Environment):
         task.after_step(physics)
         reward, terms = reward_and_terms(task, physics)
         if type(reward) is np.ndarray:  # such as `qvel[..., 0]`, a view of live memory
-            reward = reward.copy()[()]
+            reward = reward.copy()
         if ours.faults is not None:
             reward = ours.faults.reward(reward)
         if ours.action_repeat == 1:
