@@ -21,7 +21,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("one.set_state(state, STATE)\n", "pass\n"),
         ("                one.set_fields(fields)\n", "                pass\n"),
         ("if simulation.num_calls != self._calls:", "if False:"),
-        ("            changed = np.intersect1d(changed, rows)\n", ""),
+        ("changed = np.intersect1d(changed, rows)", "changed = rows"),
         ("is_split and not is_idle", "not is_idle"),
         ("            self._has_warned = True\n", ""),
         (

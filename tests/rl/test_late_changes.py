@@ -85,6 +85,20 @@ class Target(_Changing):
         physics.named.model.site_pos["target", "x"] = moved
 
 
+class Weaker(_Changing):
+    """Has weaker motors, whose gain belongs to the second half of a time step."""
+
+    EPISODE_FIELDS = ("actuator_gainprm",)
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.model.actuator_gainprm[..., 0] = 1.0
+        super().initialize_episode(physics)
+
+    def change(self, physics: Any, is_late: Any) -> None:
+        gain = np.where(is_late, 0.5, 1.0)
+        physics.model.actuator_gainprm[..., 0] = gain[..., None]
+
+
 _XML = common.read_model("walker.xml").replace(
     b"<worldbody>", b'<worldbody><site name="target" size="0.05"/>'
 )
@@ -152,9 +166,10 @@ def test_an_early_change_makes_a_batch_of_rows_that_says_what_to_do(task: Any) -
 
 
 @pytest.mark.parametrize("hook", ["before_step", "after_step"])
-def test_a_target_that_moves_is_vectorised(hook: str) -> None:
+@pytest.mark.parametrize("task", [Target, Weaker])
+def test_what_changes_no_first_half_is_vectorised(task: Any, hook: str) -> None:
     for moment in (0.03, _LATE):
-        make = _build(Target, hook=hook, moment=moment)
+        make = _build(task, hook=hook, moment=moment)
         batch = rl.batch_of(make, 3, seed=0)
         assert batch.why_rows is None
         _compared(batch, make)

@@ -332,7 +332,8 @@ def _play_problems(
     with put_back_after():
         try:
             other = factory(random=0)
-            streams = [getattr(one.task, "random", None) for one in (inner, control_of(other))]
+            tasks = [getattr(one, "task", None) for one in (inner, control_of(other))]
+            streams = [getattr(task, "random", None) for task in tasks]
             drawn = {fingerprint(one) for one in streams if isinstance(one, np.random.RandomState)}
             other.close()
             if len(drawn) > 1:
