@@ -21,13 +21,15 @@ _STEPS = 24  # of 25 ms
 class _Changing(walker.PlanarWalker):
     """Changes something in a hook of a step, from a time on."""
 
-    hook, moment, calls_forward = "before_step", _LATE, False
+    hook, moment, calls_forward, calls_forward_first = "before_step", _LATE, False, False
 
     def change(self, physics: Any, is_late: Any) -> None:
         raise NotImplementedError
 
     def _change(self, hook: str, physics: Any) -> None:
         if hook == self.hook:
+            if self.calls_forward_first:
+                physics.forward()
             self.change(physics, np.asarray(physics.data.time) > self.moment)
             if self.calls_forward:
                 physics.forward()
@@ -144,6 +146,25 @@ def test_a_late_change_is_refused_as_it_happens_and_not_afterwards(task: Any, ho
     assert batch.why_rows is None
     with pytest.raises(NotVectorised, match=rf"task {task.__name__} sets .* in a step"):
         _compared(batch, make)
+
+
+@pytest.mark.parametrize("hook", ["before_step", "after_step"])
+def test_a_change_after_forward_is_late_too(hook: str) -> None:
+    make = _build(Pushed, hook=hook, calls_forward_first=True)
+    with pytest.raises(NotVectorised, match=r"task Pushed sets data.qvel in a step"):
+        _compared(rl.batch_of(make, 3, seed=0), make)
+
+
+def test_what_is_read_for_the_first_time_hides_no_change() -> None:
+    class Reading(Pushed):
+        def change(self, physics: Any, is_late: Any) -> None:
+            super().change(physics, is_late)
+            if is_late.any():
+                assert physics.data.cvel.shape[0] == 300
+
+    batch = rl.batch_of(_build(Reading, hook="after_step"), 300, seed=0)
+    with pytest.raises(NotVectorised, match=r"task Reading sets data.qvel in a step"):
+        _play(batch)
 
 
 @pytest.mark.parametrize("repeat", [1, 3])

@@ -171,7 +171,7 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
             if begun:
                 error.add_note(f"limberjack: {done()}")
             raise
-        would_recur = isinstance(error, DamagedError) or getattr(error, "would_recur", False)
+        would_recur = getattr(error, "would_recur", False)
         complain(f"{sentence}; {done()}" if begun and not would_recur else sentence)
         raise typer.Exit(FAILED if begun else MISUSED) from None
 

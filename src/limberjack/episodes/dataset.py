@@ -33,7 +33,14 @@ from limberjack import suite
 from limberjack.episodes.column_statistics import Statistics, statistics_of
 from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.manifest import MANIFEST, DamagedError, File, Manifest, sha256_of
+from limberjack.episodes.manifest import (
+    MANIFEST,
+    REPAIR,
+    DamagedError,
+    File,
+    check_manifest,
+    sha256_of,
+)
 from limberjack.episodes.parquet import Shard
 from limberjack.episodes.places import size_of
 from limberjack.episodes.reading import (
@@ -428,16 +435,11 @@ class Dataset:
         for shard in self.shards:
             listed = self._files.get(shard.path.name)
             if listed is not None and sha256_of(shard.path) != listed.sha256:
-                raise DamagedError(
-                    f"{shard.path} has another SHA-256 than in {MANIFEST}: repeat the command that "
-                    "collected it with --repair, which makes it again"
-                )
+                raise DamagedError(f"{shard.path} has another SHA-256 than in {MANIFEST}: {REPAIR}")
         first = self.shards[0].path
         if self._files and isinstance(first, Path) and len(self._files) == len(self.shards):
-            path = first.parent.parent / MANIFEST
-            manifest = Manifest.read(path)
-            assert manifest is not None  # as it lists the files
-            manifest.check(path, [shard.figures() for shard in self.shards])
+            figures = [shard.figures() for shard in self.shards]
+            check_manifest(first.parent.parent / MANIFEST, figures)
 
     def batches(self, size: int, *, seed: int | None = None, buffer: int = 0) -> Iterator[Batch]:
         """All transitions once, in batches; the last one may be smaller.

@@ -25,10 +25,12 @@ __all__ = [
     "MANIFEST",
     "NOT_DRAWN",
     "PARTS",
+    "REPAIR",
     "SET_ASIDE",
     "DamagedError",
     "File",
     "Manifest",
+    "check_manifest",
     "damage_reported",
     "file_name",
     "named_seeds",
@@ -42,7 +44,8 @@ MANIFEST, EPISODES, PARTS = "dataset.json", "episodes", "parts"
 SET_ASIDE = "%s is damaged: it was moved to %s, and is made again"
 NOT_DRAWN = "%s is complete, without %s: %s"
 
-_REPAIR = "repeat the command that collected it with --repair, which makes it again"
+# What to do about a damaged file.
+REPAIR = "repeat the command that collected it with --repair, which makes it again"
 _MOST_BYTES = 2**28  # of a manifest: ten million episodes
 _NAME = re.compile(r"seeds-(\d{10})-(\d{10})\.(parquet|part)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -50,6 +53,8 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 class DamagedError(ValueError):
     """A file of a dataset is damaged; the message says what to do about it."""
+
+    would_recur = True  # as of a `WorkError`
 
 
 @contextlib.contextmanager
@@ -60,7 +65,7 @@ def damage_reported() -> Iterator[None]:
     except DamagedError:
         raise
     except ValueError as error:
-        raise DamagedError(f"{error}; or {_REPAIR}") from error
+        raise DamagedError(f"{error}; or {REPAIR}") from error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,7 +153,7 @@ class Manifest:
             found = json.loads(file.read(_MOST_BYTES))
         for name, expected in json.loads(self.text(figures)).items():
             if found.get(name) != expected:
-                raise DamagedError(f"the {name} in {path} are not those of the episodes: {_REPAIR}")
+                raise DamagedError(f"the {name} in {path} are not those of the episodes: {REPAIR}")
 
     @classmethod
     def read(cls, path: Place) -> "Manifest | None":
@@ -186,6 +191,13 @@ class Manifest:
             if any(b.start < a.stop for a, b in itertools.pairwise(ranges)):
                 raise ValueError("its seeds do not increase")
         return cls(recipe, wanted, files)
+
+
+def check_manifest(path: Place, figures: Sequence[Figures]) -> None:
+    """Compares a manifest with the figures of its files; raises as `Manifest.check`, and `read`."""
+    manifest = Manifest.read(path)
+    if manifest is not None:
+        manifest.check(path, figures)
 
 
 def _lines(value: object) -> str:

@@ -34,6 +34,7 @@ import numpy as np
 
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.figures import Figures
+from limberjack.episodes.manifest import REPAIR, DamagedError
 from limberjack.episodes.places import Place, check_file, opened
 from limberjack.episodes.recipe import (
     FIELD,
@@ -544,7 +545,7 @@ def _of_steps(column: Column, array: pa.Array) -> pa.Array:
 
 @contextlib.contextmanager
 def _damage_reported(path: Place) -> Iterator[None]:
-    """Turns the errors of a damaged file, of which there are many kinds, into ValueError."""
+    """Turns the errors of a damaged file, of which there are many kinds, into DamagedError."""
     try:
         yield
     except OSError as error:
@@ -555,8 +556,5 @@ def _damage_reported(path: Place) -> Iterator[None]:
         raise _damaged(path, error) from error
 
 
-def _damaged(path: Place, reason: object) -> ValueError:
-    return ValueError(
-        f"{path} is damaged or no file of a dataset ({reason}); repeat the command that collected "
-        "it with --repair, which makes it again"
-    )
+def _damaged(path: Place, reason: object) -> DamagedError:
+    return DamagedError(f"{path} is damaged or no file of a dataset ({reason}); {REPAIR}")

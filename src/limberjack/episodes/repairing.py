@@ -80,11 +80,13 @@ def _is_wrong(path: Place, manifest: Manifest, episodes: Place) -> bool:
     """Whether a manifest says something else of the episodes than their files, if all are there."""
     try:
         shards = [Shard(episodes / file.name) for file in manifest.files]
-        manifest.check(path, [shard.figures() for shard in shards])
-    except DamagedError:
-        return True
+        figures = [shard.figures() for shard in shards]
     except (OSError, ValueError):  # a file of episodes is the damaged one
         return False
+    try:
+        manifest.check(path, figures)
+    except DamagedError:
+        return True
     return any(file.rows != one.rows for file, one in zip(manifest.files, shards, strict=True))
 
 

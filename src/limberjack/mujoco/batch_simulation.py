@@ -113,7 +113,7 @@ class BatchSimulation(CountsWarnings):
         )
         self._shares = num_envs > _A_FEW and not self.remembers
         self._was_called = False
-        self.num_calls = 0  # of `advance`
+        self.num_calls = 0  # that advanced or computed, not repeated ones
         size = num_envs * mujoco.mj_stateSize(self._light, STATE) * np.dtype(float).itemsize
         with allocating(f"a batch of {num_envs} simulations", size):
             self._make(num_envs, own_fields)
@@ -152,6 +152,12 @@ class BatchSimulation(CountsWarnings):
         """Integration state, (num_envs, nstate), live."""
         self._adopt()
         return self._state
+
+    @property
+    def computed_from(self) -> np.ndarray:
+        """The state from which each row's positions and velocities were computed, a copy."""
+        is_stepped = np.isin(self._calls, (Call.STEP, Call.STEP_WHOLE))
+        return np.where(is_stepped[:, None], self.state, self._before)
 
     @property
     def own_fields(self) -> Mapping[str, row_fields.OwnField]:
@@ -246,12 +252,14 @@ class BatchSimulation(CountsWarnings):
 
     def _replay(self) -> None:
         """Repeats the last calls to write all bound fields; changes nothing else."""
+        num_calls = self.num_calls
         kept = [(live, live.copy()) for live in (self._state, self._warning)]
         readings = self._official.sensordata.copy() if "sensordata" in self._bound else None
         np.copyto(self._state, self._before)
         try:
             self._advance_each(self._calls, self._counts, np.arange(len(self._calls)))
         finally:
+            self.num_calls = num_calls
             for live, values in kept:
                 np.copyto(live, values)
         if readings is not None:

@@ -176,10 +176,11 @@ class LateChanges:
     def _changed(self) -> np.ndarray:
         """The rows in which something was changed since it was computed from, (n,)."""
         simulation = self._replicas.simulation
-        if simulation.num_calls != self._calls:  # by a hook, from what it has set
-            self.computed()
         if not self._is_watching:
             return _NO_ROWS
+        if simulation.num_calls != self._calls:  # by a hook, from what it had set by then
+            self.computed()
+            self._state = simulation.computed_from
         pairs = [(self._state[:, at], simulation.state[:, at]) for at in self._slices.values()]
         pairs += [(values, simulation.own_fields[n][:]) for n, values in self._own.items()]
         if all(old.tobytes() == new.tobytes() for old, new in pairs):
