@@ -54,8 +54,7 @@ test-slow: $(VENV)/installed-test  ## Run the slow tests
 
 test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at length; resumable
 	$(BIN)/python -m tests.exactness
-	$(BIN)/python -m pytest -m 'slow or not slow' $(IN_PARALLEL) \
-		tests/oracle/test_variants.py tests/oracle/test_frames.py
+	$(BIN)/python -m pytest -m 'slow or not slow' $(IN_PARALLEL) tests/oracle tests/laws
 
 # Loaders fork their workers, of which JAX warns once it is imported: their tests run by themselves.
 test-training: $(VENV)/installed-training  ## Run the tests of training, Stable-Baselines3, PyTorch's loaders and the examples

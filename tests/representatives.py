@@ -8,10 +8,14 @@
     @pytest.mark.parametrize(("size", "task"), in_turn(SIZES))
     def test_a_picture_has_any_size(size: int, task: Task) -> None: ...
 
-Numbers and laws are tested for all tasks; pictures, Gymnasium's options, snapshots, memory and
-rejected input only for these, so that a new domain adds little test time. A task with a feature
-that none of these has is added here. `contract/test_representatives.py` checks that each task has
-its feature.
+    @pytest.mark.parametrize("task", EVERY_TASK)
+    def test_a_batch_may_be_copied(task: Task) -> None: ...
+
+Numbers are compared with dm_control's for all tasks, single and in batches. Laws that take long,
+and follow from code that the tasks share, are tested for these and, in `make test-slow`, for the
+others; pictures, Gymnasium's options, memory and rejected input for these alone.
+So a new domain adds little test time. A task with a feature that none of these has is added here.
+`contract/test_representatives.py` checks that each task has its feature.
 """
 
 import itertools
@@ -20,7 +24,18 @@ from typing import Any
 
 import pytest
 
-__all__ = ["FEATURES", "PAIRS", "REPRESENTATIVES", "USUAL", "Task", "in_turn"]
+from limberjack import suite
+
+__all__ = [
+    "EVERY_TASK",
+    "FEATURES",
+    "PAIRS",
+    "REPRESENTATIVES",
+    "USUAL",
+    "Task",
+    "in_turn",
+    "or_slow",
+]
 
 Task = tuple[str, str]
 
@@ -40,6 +55,20 @@ REPRESENTATIVES = [pytest.param(task, id=":".join(task)) for task in FEATURES.va
 PAIRS = [pytest.param(*task, id=":".join(task)) for task in FEATURES.values()]
 # Without lqr, which has one actuator, no control step of its own, and a model for each stream.
 USUAL = [pytest.param(task, id=":".join(task)) for task in FEATURES.values() if task[0] != "lqr"]
+
+
+def or_slow(params: Iterable[Any]) -> list[Any]:
+    """The same parameters, which begin with a task: slow unless it is a representative."""
+    kept = set(FEATURES.values())
+    return [
+        param
+        if param.values[0] in kept
+        else pytest.param(*param.values, id=param.id, marks=pytest.mark.slow)
+        for param in params
+    ]
+
+
+EVERY_TASK = or_slow(pytest.param(task, id=":".join(task)) for task in suite.ALL_TASKS)
 
 
 def in_turn(choices: Iterable[Any]) -> list[Any]:

@@ -20,6 +20,7 @@ import pytest
 from limberjack import suite
 from limberjack.rl import control
 from limberjack.rl.action_specs import bounds_to_try
+from tests.representatives import or_slow
 
 __all__ = [
     "DOMAINS",
@@ -28,6 +29,7 @@ __all__ = [
     "Task",
     "actions",
     "bits",
+    "costly",
     "kinds",
     "load",
     "play",
@@ -51,6 +53,11 @@ TASKS = [pytest.param(task, id=":".join(task)) for task in _tasks()]
 # One task of each domain: its last, which has the most that can go wrong in its start.
 LAST_TASKS = list({task[0]: task for task in _tasks()}.values())
 DOMAINS = [pytest.param(task, id=":".join(task)) for task in LAST_TASKS]
+
+
+def costly(params: list[Any]) -> list[Any]:
+    """Parameters of a law that takes long: slow for tasks of the suite without a feature."""
+    return params if "LAWS_OF" in os.environ else or_slow(params)
 
 
 def _named(choice: Any) -> str:

@@ -11,7 +11,7 @@ from limberjack.rl import batch_test_utils, control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid
 
-from .episodes import DOMAINS, LAST_TASKS, TASKS, Task, rotated, short, variant
+from .episodes import TASKS, Task, costly, rotated, short, variant
 
 _SEED = 11
 _SHARE = ("own", "shared")  # see the fixture `share`
@@ -60,7 +60,7 @@ def _play(task: Task, batch: BatchEnvironment, singles: list[Any], steps: int) -
 @pytest.mark.usefixtures("share")
 @pytest.mark.parametrize(
     ("task", "share", "num_envs", "num_threads"),
-    rotated(_SHARE, (2, 7, 1), (2, 4, 1)),
+    costly(rotated(_SHARE, (2, 7, 1), (2, 4, 1))),
     indirect=["share"],
 )
 def test_a_row_is_the_single_environment(task: Task, num_envs: int, num_threads: int) -> None:
@@ -70,7 +70,7 @@ def test_a_row_is_the_single_environment(task: Task, num_envs: int, num_threads:
     _play(task, batch, singles, 3 * _STEPS_OF_AN_EPISODE + 10)
 
 
-@pytest.mark.parametrize("task", DOMAINS)
+@pytest.mark.parametrize("task", costly(TASKS))
 def test_the_laws_that_users_test_their_own_tasks_with_hold(task: Task) -> None:
     class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
         def make_single(self, seed: int) -> Any:
@@ -112,7 +112,7 @@ def test_a_task_that_breaks_a_law_fails_it() -> None:
 
 @pytest.mark.usefixtures("share")
 @pytest.mark.parametrize(
-    ("task", "share", "num_threads"), rotated(_SHARE, (2, 4), of=LAST_TASKS), indirect=["share"]
+    ("task", "share", "num_threads"), costly(rotated(_SHARE, (2, 4))), indirect=["share"]
 )
 def test_64_rows_on_any_number_of_threads_are_the_same(task: Task, num_threads: int) -> None:
     kwargs = _short(task)
@@ -131,7 +131,7 @@ def test_64_rows_on_any_number_of_threads_are_the_same(task: Task, num_threads: 
 
 @pytest.mark.usefixtures("share")
 @pytest.mark.parametrize(
-    ("task", "share", "whole_steps"), rotated(_SHARE, (False, True)), indirect=["share"]
+    ("task", "share", "whole_steps"), costly(rotated(_SHARE, (False, True))), indirect=["share"]
 )
 def test_a_field_bound_late_equals_that_of_the_single_environments(
     task: Task, whole_steps: bool
@@ -173,7 +173,7 @@ def test_64_rows_are_64_single_environments(task: Task) -> None:
     _play(task, batch, singles, 3 * _STEPS_OF_AN_EPISODE + 10)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", costly(TASKS))
 def test_variants_reach_the_rows(task: Task) -> None:
     kwargs = _short(task)
     kwargs |= variant(task)

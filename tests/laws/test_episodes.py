@@ -13,7 +13,7 @@ from dm_env import specs, test_utils
 from limberjack import registry, suite
 from limberjack.rl.reward_terms import reward_and_terms
 
-from .episodes import LAST_TASKS, TASKS, Task, actions, bits, load, play, short, snapshot
+from .episodes import LAST_TASKS, TASKS, Task, actions, bits, costly, load, play, short, snapshot
 
 # Tasks whose whole episodes are played, of many lengths and control steps. The other tasks' are in
 # the long comparison with dm_control.
@@ -52,7 +52,7 @@ def test_the_same_seed_and_actions_give_the_same_bits_and_others_do_not(task: Ta
     assert play(other, 30, seed=1)[1:] != episodes[0][1:], "the actions change nothing"
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", costly(TASKS))
 def test_environments_do_not_see_each_other(task: Task) -> None:
     alone = [play(load(task, seed), 20, seed) for seed in range(3)]
     envs = [load(task, seed) for seed in range(3)]

@@ -10,9 +10,9 @@ import pytest
 from limberjack import suite
 from limberjack.rl.randomize import scale
 
-from .episodes import LAST_TASKS, TASKS, Task, rotated, short
+from .episodes import LAST_TASKS, TASKS, Task, costly, rotated, short
 
-_TASKS = pytest.mark.parametrize("task", TASKS)
+_TASKS = pytest.mark.parametrize("task", costly(TASKS))
 _RANDOMIZE = {"body_mass": scale(0.8, 1.2), "geom_friction": scale(0.5, 1.5)}
 
 
@@ -31,7 +31,7 @@ def _assert_same(one: Any, other: Any) -> None:
         np.testing.assert_array_equal(value, other.observation[name], name)
 
 
-@pytest.mark.parametrize(("task", "steps_before"), rotated([0, 1, 13, 20]))
+@pytest.mark.parametrize(("task", "steps_before"), costly(rotated([0, 1, 13, 20])))
 def test_a_single_environment_continues_from_a_snapshot(task: Task, steps_before: int) -> None:
     env = suite.load(*task, {"random": 1, **_short(task)})
     env.reset()

@@ -18,6 +18,7 @@ from limberjack.planner.history import History
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import PhysicsError
 from limberjack.rl.randomize import scale
+from tests.representatives import EVERY_TASK
 
 _ROWS = 3
 _NUM_ENVS = 3  # walkers
@@ -324,7 +325,7 @@ def test_a_field_that_is_bound_late_is_as_if_bound_early(name: str) -> None:
 
 
 @pytest.mark.usefixtures("share")
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", EVERY_TASK)
 def test_a_sensor_that_is_read_late_is_the_single_environments(task: tuple[str, str]) -> None:
     batch = suite.load_batch(*task, _NUM_ENVS, 2, seed=1)
     singles = [suite.load(*task, {"random": 1 + row}) for row in range(_NUM_ENVS)]

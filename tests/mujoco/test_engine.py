@@ -13,6 +13,7 @@ import pytest
 from limberjack import suite
 from limberjack.mujoco import Physics, action_spec, engine, wrapper
 from limberjack.rl import control
+from tests.representatives import EVERY_TASK
 
 _PENDULUM = """
 <mujoco model="pendulum">
@@ -586,7 +587,7 @@ def test_bounds_that_are_edited_are_those_of_the_next_spec_alone() -> None:
 _OTHER_LIMITS = ("lqr", "quadruped")
 
 
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", EVERY_TASK)
 def test_the_suites_actuators_are_limited_to_1_or_as_the_model_says(task: tuple[str, str]) -> None:
     physics = suite.load(*task).physics
     spec = action_spec(physics)

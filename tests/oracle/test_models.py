@@ -64,8 +64,12 @@ def test_the_fields_of_all_parts_of_a_model_are_found() -> None:
 
 
 @pytest.mark.parametrize(("domain", "task"), twins.TASKS)
-def test_a_loaded_model_is_the_same(domain: str, task: str) -> None:
+def test_a_loaded_model_and_its_task_are_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task)
+    for name, value in vars(env.theirs.task).items():  # the private ones too
+        if isinstance(value, bool | int | float | str | list):
+            here = getattr(env.ours.task, name)
+            assert here == value, f"{name}: {here!r}, {value!r}"
     models = env.ours.physics.model, env.theirs.physics.model
     _assert_same_models(domain, models[0].ptr, models[1].ptr, env.where)
     _assert_same_names(domain, models[0], models[1], env.where)

@@ -400,15 +400,6 @@ def test_the_probabilities_of_starts_can_be_set(monkeypatch: pytest.MonkeyPatch)
     assert starts.count("in_hand") > 5
 
 
-@pytest.mark.parametrize(("domain", "task"), twins.TASKS)
-def test_private_attributes_of_tasks_are_the_same(domain: str, task: str) -> None:
-    env = twins.load(domain, task)
-    for name, value in vars(env.theirs.task).items():
-        if isinstance(value, bool | int | float | str | list):
-            here = getattr(env.ours.task, name)
-            assert here == value, f"{name}: {here!r}, {value!r}"
-
-
 def test_an_override_of_a_measurement_is_what_the_task_reads() -> None:
     def make(package: Any) -> Any:
         module = package("suite.humanoid_CMU")

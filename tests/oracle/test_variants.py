@@ -281,7 +281,8 @@ def test_actions_of_every_kind_that_dm_control_takes_act_the_same(domain: str, t
 @every_task
 def test_many_starts_are_the_same(domain: str, task: str) -> None:
     env = _loaded(domain, task)
-    for start in range(_STARTS):
+    has_terrain = env.ours.physics.model.nhfield > 0  # which is drawn slowly
+    for start in range(_STARTS // 5 if has_terrain else _STARTS):
         env.where = f"{domain}:{task}, start {start}"
         env.reset()
         env.assert_same_physics(*_START_FIELDS)
@@ -290,7 +291,7 @@ def test_many_starts_are_the_same(domain: str, task: str) -> None:
 @every_model
 def test_a_start_after_steps_forgets_them_as_dm_control_does(domain: str, task: str) -> None:
     env = _loaded(domain, task)
-    for start in range(10):
+    for start in range(4):
         env.where = f"{domain}:{task}, start {start} after steps"
         _play(env, kind="bang-bang", steps=3)
         env.reset()

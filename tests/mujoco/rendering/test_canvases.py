@@ -111,7 +111,7 @@ def test_changes_to_a_private_context_affect_no_other() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
-    ("kind", "count"), [("the same", 100), ("different", 20), ("with contexts of their own", 20)]
+    ("kind", "count"), [("the same", 100), ("different", 8), ("with contexts of their own", 8)]
 )
 def test_memory_is_flat_over_fresh_physics(
     run_script: Callable[..., str], kind: str, count: int

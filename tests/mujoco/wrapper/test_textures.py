@@ -11,8 +11,9 @@ import pytest
 from limberjack import suite
 from limberjack.mujoco.wrapper import textures
 from limberjack.mujoco.wrapper.textures import with_textures, without_textures
+from tests.representatives import EVERY_TASK
 
-_EVERY_TASK = pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+_EVERY_TASK = pytest.mark.parametrize("task", EVERY_TASK)
 _CUT = {"ntexdata", "nbuffer", "tex_data", "tex_height", "tex_width", "tex_adr"}
 # Fields about the source of a model, which models in binary format lack.
 _CUT |= {"signature"}
