@@ -655,7 +655,7 @@ def test_progress_counts_the_episodes_that_are_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("seeds", "message"),
-    [([], "there are no seeds"), ([3, 3], "seed 3 follows 3"), ([5, 4], "seed 4 follows 5")],
+    [([], "there are no seeds"), ([3, 3], "a seed occurs twice"), ([5, 4], "seed 4 follows 5")],
 )
 def test_seeds_must_increase(seeds: list[int], message: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=message):

@@ -81,6 +81,41 @@ def test_episodes_of_any_environment_are_kept_and_replayed(make: Any, tmp_path: 
     assert [score.total for score in scores] == [episode.total for episode in dataset]
 
 
+class _Late(odd.Pole):
+    """Draws from NumPy's global stream, late."""
+
+    def get_reward(self, physics: Any) -> Any:
+        return np.random.uniform() if physics.data.time > 0.4 else 1.0
+
+
+def late(seed: int) -> Any:
+    """An environment that does not depend on its seed alone."""
+    return odd.environment(_Late, seed, time_limit=0.5)
+
+
+def test_a_late_draw_from_a_global_stream_is_refused() -> None:
+    with pytest.raises(ValueError, match="a step draws from NumPy's global stream"):
+        evaluate(late, policy="zero", seeds=range(3))
+
+
+def heavy_from_5(seed: int) -> Any:
+    """A model that depends on the seed, though not on the first ones."""
+    env = odd.environment(odd.Pole, seed)
+    if seed >= 5:
+        env.physics.model.body_mass[-1] *= 2
+    return env
+
+
+@pytest.mark.parametrize("seeds", [[6], range(8)], ids=["one", "several"])
+def test_each_seed_is_played_in_what_the_function_makes_for_it(seeds: Any, tmp_path: Path) -> None:
+    actions = np.zeros((odd.STEPS, 1))
+    found = evaluate(heavy_from_5, policy="zero", seeds=seeds).scores["zero"]
+    for score in found:
+        assert score.total == pytest.approx(sum(_rewards(heavy_from_5, score.seed, actions)), abs=0)
+    data.collect(heavy_from_5, None, "zero", seeds, out=tmp_path)
+    assert data.replay(data.load(tmp_path), heavy_from_5) is None
+
+
 def test_names_that_a_subclass_uses_for_itself_are_not_read(tmp_path: Path) -> None:
     data.collect(named, None, "random", range(3), out=tmp_path, num_threads=1)
     assert data.load(tmp_path).policy_card("cloning", named(0)).world is None

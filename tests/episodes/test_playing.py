@@ -48,7 +48,7 @@ def _played(
     actor = policy if isinstance(policy, Alone | Batched | EachRow) else None
     if actor is None:
         actor = policies.find(policy, environment if isinstance(policy, str) else None)
-    batch = batch_for(environment, actor, len(seeds), threads)
+    batch = batch_for(environment, actor, seeds, threads)
     with contextlib.closing(batch):
         ended = [episode for some in play(batch, actor, seeds, kept, **how) for episode in some]
     assert sorted(episode.seed for episode in ended) == sorted(seeds)
@@ -143,7 +143,7 @@ def test_divergence_ends_an_episode_alike_in_a_batch_and_alone() -> None:
     for seed in range(24):
         assert_equal(batched[seed], alone[seed])
     assert 0 < sum(episode.diverged for episode in batched.values()) < 24
-    batch = batch_for(environment, zero, 24, 1, "raise")
+    batch = batch_for(environment, zero, range(24), 1, "raise")
     with contextlib.closing(batch), pytest.raises(PhysicsError):
         list(play(batch, zero, range(24)))
 
@@ -173,7 +173,7 @@ def test_an_episode_can_be_cut_off() -> None:
 def test_longer_episodes_than_there_was_room_for_are_kept_whole() -> None:
     environment = suite.load("pendulum", "swingup", {"time_limit": float("inf")})
     actor = policies.find("random")
-    with contextlib.closing(batch_for(environment, actor, 2, 1)) as batch:
+    with contextlib.closing(batch_for(environment, actor, range(2), 1)) as batch:
         ended = list(play(batch, actor, [3, 4], Kept(states=True), most_steps=2100))
     environment.reseed(4)
     rewards = run_episode(environment, policies.random, 4, max_steps=2100).rewards
@@ -338,7 +338,7 @@ def test_what_plays_alone_plays_what_it_plays_in_a_single_environment(
 def test_what_plays_alone_is_refused_more_rows_and_vectorised_ones() -> None:
     actor, batches = policies.find("evaluated:Remembering"), policies.find("zero")
     for rows in (1, 2):
-        batch = batch_for(evaluated.sinking(), batches, rows)
+        batch = batch_for(evaluated.sinking(), batches, range(rows))
         refused = pytest.raises(
             policies.PolicyError, match="one episode at a time; expected a batch"
         )

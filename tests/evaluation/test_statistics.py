@@ -1,5 +1,7 @@
 """Statistics of runs on a set of tasks: interquartile mean, stratified bootstrap, percentiles."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -96,3 +98,18 @@ def test_a_missing_score_is_refused_by_its_place() -> None:
     for statistic in (interquartile_mean, percentiles, stratified_interval):
         with pytest.raises(ValueError, match="run 1 on task 2 is nan; leave out tasks"):
             statistic(scores)
+
+
+def test_lists_are_scores_too() -> None:
+    scores = [[1.0, 2.0], [3.0, 4.0]]
+    assert interquartile_mean(scores) == 2.5  # pyright: ignore[reportArgumentType]
+    assert percentiles(scores)[50] == 2.5  # pyright: ignore[reportArgumentType]
+    assert stratified_interval(scores) == (1.5, 3.5)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("statistic", [np.mean, lambda drawn: np.full(len(drawn), np.nan)])
+def test_a_statistic_returns_a_number_for_each_resample(statistic: Any) -> None:
+    with pytest.raises(ValueError, match=r"statistic returned .*; expected a finite number for"):
+        stratified_interval(np.ones((2, 3)), statistic)
+    with pytest.raises(ValueError, match="resamples is 0; expected at least 1"):
+        stratified_interval(np.ones((2, 3)), resamples=0)

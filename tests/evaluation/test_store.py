@@ -326,6 +326,18 @@ def test_a_result_of_something_else_is_refused_beside_a_store_too(
     assert _seen(tmp_path) == before
 
 
+def test_a_set_a_dataset_and_a_file_are_refused_as_the_folder(tmp_path: Path) -> None:
+    for name, message in (("set.json", "the results of a set"), ("dataset.json", "a dataset")):
+        folder = tmp_path / name.partition(".")[0]
+        folder.mkdir()
+        (folder / name).write_text("{}")
+        with pytest.raises(ValueError, match=rf"holds {message}, {name}: choose another folder"):
+            Store(folder, _OURS)
+        assert [one.name for one in folder.iterdir()] == [name]
+        with pytest.raises(ValueError, match="is no folder: choose another name"):
+            Store(folder / name, _OURS)
+
+
 @pytest.mark.parametrize("name", ["report.html", "returns.png"])
 def test_a_page_or_picture_without_a_result_is_refused(name: str, tmp_path: Path) -> None:
     Store(tmp_path, _OURS).close()

@@ -24,7 +24,7 @@ def test_a_sequence_gives_each_row_its_own_seed_or_none() -> None:
 
 def test_the_last_rows_seed_must_be_valid_too() -> None:
     assert arguments.row_seeds(_LARGEST - 2, 3)[-1] == _LARGEST
-    with pytest.raises(ValueError, match=f"seed is {_LARGEST + 1}"):
+    with pytest.raises(ValueError, match=f"last of 4 rows would have seed {_LARGEST + 1}"):
         arguments.row_seeds(_LARGEST - 2, 4)
 
 

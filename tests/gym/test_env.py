@@ -5,9 +5,11 @@ import os
 import pickle
 from typing import Any
 
+import dm_env
 import gymnasium
 import numpy as np
 import pytest
+from dm_env import specs
 from gymnasium import error
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import TimeLimit
@@ -15,7 +17,9 @@ from gymnasium.wrappers import TimeLimit
 from limberjack import gym, mujoco, suite
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batches import batch_of
 from limberjack.rl.reward_terms import reward_of_terms
+from tests import plain_domain
 from tests.programs import run
 
 from .gym_episodes import NORMALISED, TASKS, assert_same, bounds, falling_env
@@ -187,6 +191,65 @@ def test_a_step_without_an_episode_is_refused() -> None:
     assert env.step(np.zeros(21))[3]
     with pytest.raises(error.ResetNeeded, match="call reset"):
         env.step(np.zeros(21))
+
+
+@pytest.mark.parametrize("reward", [None, "much", np.ones(1)])
+def test_a_reward_that_is_no_number_is_named(reward: Any) -> None:
+    class Odd(plain_domain.Push):
+        def get_reward(self, physics: Any) -> Any:
+            return reward
+
+    inner = plain_domain.push()
+    env = gym.Env(control.Environment(inner.physics, Odd(), time_limit=1))
+    env.reset()
+    with pytest.raises(TypeError, match=r"the reward of Odd is .*; expected a number"):
+        env.step(env.action_space.sample())
+
+
+class _Whole(dm_env.Environment):
+    """Takes whole numbers, and remembers the last."""
+
+    def __init__(self, spec: specs.BoundedArray) -> None:
+        self.spec, self.taken = spec, None
+
+    def reset(self) -> dm_env.TimeStep:
+        return dm_env.restart(np.zeros(1))
+
+    def step(self, action: Any) -> dm_env.TimeStep:
+        self.taken = action
+        return dm_env.transition(0.0, np.zeros(1))
+
+    def observation_spec(self) -> Any:
+        return specs.Array((1,), float)
+
+    def action_spec(self) -> Any:
+        return self.spec
+
+
+@pytest.mark.parametrize(
+    ("spec", "space"),
+    [
+        (specs.DiscreteArray(3), gymnasium.spaces.Discrete(3)),
+        (
+            specs.BoundedArray((2,), np.int32, 0, [4, 5]),
+            gymnasium.spaces.Box(np.zeros(2, np.int32), np.array([4, 5]), (2,), np.int32),
+        ),
+    ],
+    ids=["discrete", "integers"],
+)
+def test_actions_that_are_whole_numbers_stay_whole(spec: Any, space: gymnasium.Space) -> None:
+    env = gym.Env(lambda seed: _Whole(spec))
+    envs = gym.VectorEnv(batch_of(lambda seed: _Whole(spec), 2))
+    assert env.action_space == envs.single_action_space == space
+    env.reset(seed=0)
+    envs.reset(seed=0)
+    action, actions = env.action_space.sample(), envs.action_space.sample()
+    env.step(action)
+    envs.step(actions)
+    assert env.environment.taken == pytest.approx(action, abs=0)
+    for row, one in enumerate(envs.batches[0].environments):
+        np.testing.assert_array_equal(one.taken, actions[row])
+        assert one.taken.dtype.kind == "i"
 
 
 def test_divergence_raises_and_a_reset_begins_another_episode() -> None:

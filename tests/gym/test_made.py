@@ -56,14 +56,16 @@ def test_a_time_limit_that_is_asked_for_is_kept(how: dict[str, Any]) -> None:
 
 
 def test_a_longer_time_limit_is_refused_with_the_argument_to_give_instead() -> None:
-    with pytest.raises(ValueError, match=r"=1500 to gymnasium\.make instead"):
+    with pytest.raises(
+        ValueError, match=r"give gymnasium\.make max_episode_steps=1500 in its place"
+    ):
         made.make(*_TASK, time_limit=15.0)
-    with pytest.raises(ValueError, match=r"=1500 to gymnasium\.make_vec instead"):
+    with pytest.raises(ValueError, match=r"make_vec max_episode_steps=1500 in its place"):
         made.make_vector(*_TASK, 2, max_episode_steps=1000, time_limit=15.0)
 
 
 @pytest.mark.parametrize(
-    ("most", "expected"), [(None, 1000), (1000, 1000), (7, 7), (2000, 2000), (-1, math.inf)]
+    ("most", "expected"), [(None, math.inf), (1000, 1000), (7, 7), (2000, 2000), (-1, math.inf)]
 )
 def test_each_batch_counts_to_the_steps_that_gymnasium_gives(
     most: int | None, expected: float
@@ -297,8 +299,29 @@ def test_a_shorter_time_limit_is_kept(mode: str, kwargs: dict[str, Any]) -> None
 def test_a_longer_time_limit_is_refused_by_gymnasium_with_the_argument_to_give_instead(
     mode: str, time_limit: float, instead: int
 ) -> None:
-    with pytest.raises(ValueError, match=f"give max_episode_steps={instead} to gymnasium.make"):
+    with pytest.raises(ValueError, match=f"max_episode_steps={instead} in its place"):
         _make(mode, time_limit=time_limit)
+
+
+def test_the_spec_has_the_length_of_the_time_limit_or_none_as_the_episodes_do() -> None:
+    cases: list[tuple[dict[str, Any], int | None]] = [
+        ({"time_limit": 0.05}, 5),
+        ({"time_limit": 0.05, "action_repeat": 2}, 3),
+        ({"time_limit": 0.05, "max_episode_steps": 3}, 3),
+        ({"max_episode_steps": -1}, None),
+    ]
+    for kwargs, expected in cases:
+        env = gymnasium.make(_ID, **kwargs)
+        envs = gymnasium.make_vec(_ID, num_envs=1, **kwargs)
+        assert env.spec is not None
+        again = gymnasium.make_vec(env.spec, num_envs=1)
+        for spec in (env.spec, envs.spec, again.spec):
+            assert spec is not None
+            assert spec.max_episode_steps == expected
+        if expected is not None:
+            env.reset(seed=0)
+            ends = [env.step(env.action_space.sample())[3] for _ in range(expected)]
+            assert ends == [False] * (expected - 1) + [True]
 
 
 def test_a_batch_takes_both_and_the_shorter_one_holds() -> None:

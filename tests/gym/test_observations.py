@@ -116,7 +116,7 @@ def test_the_specs_of_a_row_lack_the_first_axis() -> None:
 
 def test_the_action_space_has_the_specs_bounds_for_each_actuator() -> None:
     spec = specs.BoundedArray((3,), float, [-1.0, -2.0, 0.0], 5.0)
-    space = action_space(spec)
+    space: Any = action_space(spec)
     assert space.dtype == np.float32
     assert space.low.tolist() == [-1.0, -2.0, 0.0]
     assert space.high.tolist() == [5.0] * 3
@@ -124,7 +124,7 @@ def test_the_action_space_has_the_specs_bounds_for_each_actuator() -> None:
 
 def test_the_action_space_lies_within_bounds_that_float32_rounds() -> None:
     low, high = np.array([-0.1, 0.1, -0.3]), np.array([0.1, 0.3, 0.7])
-    space = action_space(specs.BoundedArray((3,), float, low, high))
+    space: Any = action_space(specs.BoundedArray((3,), float, low, high))
     assert (np.float32(low) < low).any()  # the nearest numbers would not do
     assert (np.float32(high) > high).any()
     assert (space.low >= low).all()
@@ -135,7 +135,7 @@ def test_the_action_space_lies_within_bounds_that_float32_rounds() -> None:
 
 def test_an_unlimited_action_has_infinite_bounds_so_that_samples_are_moderate() -> None:
     bounds = specs.BoundedArray((3,), float, [-1e10, -2.0, -1e10], [1e10, 1e10, 3.0])
-    space = action_space(bounds)
+    space: Any = action_space(bounds)
     assert space.low.tolist() == [-np.inf, -2.0, -np.inf]
     assert space.high.tolist() == [np.inf, np.inf, 3.0]
     assert max(abs(space.sample()).max() for _ in range(100)) < 100

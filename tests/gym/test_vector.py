@@ -222,7 +222,7 @@ def test_a_bad_mask_is_refused_and_nothing_is_reset(
     ("seed", "kind", "message"),
     [
         (-1, ValueError, "seed is -1"),
-        (2**32 - 2, ValueError, "seed is 4294967296"),
+        (2**32 - 2, ValueError, "last of 3 rows would have seed 4294967296"),
         ([1, 2], ValueError, "there are 2 seeds; expected 3"),
         ([1, 2, 3.5], TypeError, r"seed is 3\.5"),
         (0.5, TypeError, r"seed is 0\.5"),
@@ -237,6 +237,26 @@ def test_a_bad_seed_is_refused_and_nothing_is_reset(
     with pytest.raises(kind, match=message):
         envs.reset(seed=seed)
     assert_same(envs.reset(), twin.reset())
+
+
+@pytest.mark.parametrize("pipelined", [False, True])
+def test_the_first_reset_is_of_all_rows(pipelined: bool) -> None:
+    envs = _envs(4, pipelined=pipelined)
+    mask = np.array([True, False, True, False])
+    with pytest.raises(ValueError, match=r"leaves out rows \[1, 3\], which have begun no episode"):
+        envs.reset(seed=0, options={"reset_mask": mask})
+    with pytest.raises(error.ResetNeeded):
+        envs.step(np.zeros((4, 21)))
+    envs.reset(seed=0)
+    envs.reset(seed=0, options={"reset_mask": mask})
+
+
+@pytest.mark.parametrize("half", [1.0, True, 2, "0"])
+def test_a_half_is_0_or_1(half: Any) -> None:
+    envs = _envs(4, pipelined=True)
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match="expected 0 or 1"):
+        envs.send(np.zeros((2, 21)), half)
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -53,7 +53,7 @@ def test_what_is_no_action_is_named_with_seed_and_step(policy: str, message: str
     environment = _load("humanoid", "stand")
     actor = policies.find(policy, environment)
     with pytest.raises(PolicyError, match=message):
-        list(play(batch_for(environment, actor, 10, 1), actor, range(66, 76)))
+        list(play(batch_for(environment, actor, range(66, 76), 1), actor, range(66, 76)))
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_a_partial_is_called_what_its_function_is() -> None:
 def test_an_episode_alone_is_that_of_a_batch_bit_for_bit(name: str) -> None:
     # A product of matrices in float32 rounds by the row.
     actor, seeds = policies.find(name), [3, 64, 69, 130]
-    batch = batch_for(evaluated.sinking(), actor, 4, 1)
+    batch = batch_for(evaluated.sinking(), actor, range(4), 1)
     played = [episode for ended in play(batch, actor, seeds) for episode in ended]
     for episode in played:
         environment = evaluated.sinking()
@@ -133,7 +133,7 @@ def test_a_task_that_observes_nothing_is_played(policy: Any) -> None:
     physics = _load("pendulum", "swingup").physics
     environment = control.Environment(physics, _Blind(random=0), time_limit=0.1)
     actor, seeds = policies.find(policy, environment), range(3)
-    played = play(batch_for(environment, actor, 3, 1), actor, seeds)
+    played = play(batch_for(environment, actor, seeds, 1), actor, seeds)
     assert [one.seed for ended in played for one in ended] == [*seeds]
 
 

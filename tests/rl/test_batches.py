@@ -87,7 +87,7 @@ def test_episodes_that_are_played_are_those_of_single_environments(kind: str) ->
     seeds = [5, 0, 3, 69, 133]  # 5, 69 and 133 are played in turn by one row
     expected = _alone(build, policy, seeds)
     for actor in (policy, Alone(policy.name, None, policy.begin_alone)):
-        batch = batch_for(Build.of(build), actor, len(seeds), 1)
+        batch = batch_for(Build.of(build), actor, seeds, 1)
         scores = {e.seed: Score.of(e) for ended in play(batch, actor, seeds) for e in ended}
         assert [scores[seed] for seed in seeds] == expected
         batch.close()

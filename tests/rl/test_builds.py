@@ -99,6 +99,64 @@ def test_a_function_of_no_seed_is_not_reproducible() -> None:
     assert not builds.is_reproducible(Build.of(_unseeded), 3)
 
 
+def _any_seed() -> int:
+    return int(np.random.default_rng().integers(2**31))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda seed: odd.environment(odd.Pole, 0), "the same random stream for seeds 3 and 2"),
+        (lambda seed: odd.environment(odd.Pole, _any_seed()), "each time it is called with seed 3"),
+    ],
+    ids=["constant", "arbitrary"],
+)
+def test_a_function_that_ignores_its_seed_is_refused(make: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=f"{message}: hand its seed on to the task"):
+        builds.is_stable(Build.of(make), 3)
+
+
+def test_a_function_without_an_argument_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"cannot be called with a seed; expected a function build"):
+        Build.of(lambda: odd.environment(odd.Pole, 0))
+
+
+def _heavy_from_5(seed: int) -> Any:
+    env = odd.environment(odd.Pole, seed)
+    if seed >= 5:
+        env.physics.model.body_mass[-1] *= 2
+    return env
+
+
+def test_the_environments_of_the_seeds_that_a_build_is_for_are_compared() -> None:
+    build = Build.of(_heavy_from_5)
+    assert builds.is_stable(build, 0)
+    assert builds.is_stable(build.for_seeds([1, 4]), 0)
+    assert not builds.is_stable(build.for_seeds([1, 7]), 0)
+    modulo = Build.of(lambda seed: odd.environment(odd.Pole, seed % 2))
+    assert builds.is_stable(modulo, 0)
+    assert not builds.is_stable(modulo.for_seeds([3]), 0)
+
+
+_drawn = np.random.default_rng(0)
+
+
+class _Drawing(odd.Pole):
+    def get_reward(self, physics: Any) -> Any:
+        return _drawn.uniform()
+
+
+def _heavier_each_time(seed: int) -> Any:
+    env = odd.environment(odd.Pole, seed)
+    env.physics.model.body_mass[-1] *= _drawn.uniform()
+    return env
+
+
+@pytest.mark.parametrize("make", [functools.partial(odd.of_task, _Drawing), _heavier_each_time])
+def test_first_steps_and_the_model_are_compared_too(make: Any) -> None:
+    assert not builds.is_reproducible(Build.of(make), 3)
+
+
 def _unseeded(seed: int) -> Any:
     return odd.environment(odd.LastAction, np.random.randint(2**31))
 

@@ -310,6 +310,20 @@ def test_infinitely_far_away_it_is_0_and_nan_is_not_1(sigmoid: str) -> None:
     assert rewards.tolerance(float("nan"), (-1, 1), 1.0, sigmoid) != 1.0
 
 
+@_every_sigmoid
+def test_a_margin_that_is_nan_leaves_1_within_the_bounds_as_in_dm_control(sigmoid: str) -> None:
+    x = np.array([0.0, 0.5])
+    near, far = rewards.tolerance(x, margin=np.nan, sigmoid=sigmoid)
+    assert near == 1.0
+    assert np.isnan(far) or sigmoid in _REACH_ZERO
+
+
+def test_a_list_is_refused_as_by_dm_control() -> None:
+    for margin in (0.0, 0.5):
+        with pytest.raises(TypeError):
+            rewards.tolerance([1, 2], (0.0, 1.0), margin)  # pyright: ignore
+
+
 @pytest.mark.parametrize("sigmoid", _REACH_ZERO)
 def test_sigmoids_that_reach_0_are_0_for_nan(sigmoid: str) -> None:
     for value in (float("nan"), np.array([np.nan, 0.0])):

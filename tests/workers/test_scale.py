@@ -13,6 +13,7 @@ from limberjack.evaluation import evaluate
 from limberjack.workers import Scale, Setup, Unit, WorkError, open_workers, prepare
 from limberjack.workers import scale as module
 from limberjack.workers.factories import factory_of
+from limberjack.workers.pool import Pool
 
 from .playing import TASK, more_of, pid, seeds_of
 
@@ -93,6 +94,12 @@ def test_without_any_number_this_process_plays_unit_after_unit() -> None:
     units = [Unit(setup, (seed,)) for seed in (3, 1, 2)]
     with open_workers() as workers:
         assert list(workers.results(seeds_of, units)) == [(unit, unit.seeds) for unit in units]
+
+
+def test_there_are_no_more_workers_than_episodes() -> None:
+    with Scale(workers=10**9).open(2) as workers:
+        assert isinstance(workers, Pool)
+        assert len(workers._workers) == 2
 
 
 def test_an_error_in_this_process_is_raised_as_it_is() -> None:

@@ -110,7 +110,15 @@ Episodes = Annotated[
         help="The first seeds only; without --seeds, those from 0 on.",
     ),
 ]
-_OUT = typer.Option(metavar="DIR", help="Write the results into this folder.")
+
+
+def _folder(text: str) -> Path:
+    if not text:  # such as a variable of the shell that is not set; Path("") is the present folder
+        raise typer.BadParameter("it is empty; expected a folder")
+    return Path(text)
+
+
+_OUT = typer.Option(metavar="DIR", parser=_folder, help="Write the results into this folder.")
 Out = Annotated[Path | None, _OUT]
 RequiredOut = Annotated[Path, _OUT]
 Threads = Annotated[

@@ -3,7 +3,7 @@
     from limberjack import episodes, policies
 
     actor = policies.find("random", environment)
-    batch = episodes.batch_for(environment, actor, episodes=100)
+    batch = episodes.batch_for(environment, actor, range(100))
     for ended in episodes.play(batch, actor, range(100)):
         print([episode.total for episode in ended])
 

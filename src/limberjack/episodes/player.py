@@ -273,8 +273,9 @@ def _played(
     on_step: OnStep | None = None,
 ) -> Iterator[list[Episode]]:
     """Episodes with the kinds of their starts, in a batch that is closed after them."""
-    batch = batch_for(build, actor, len(seeds), num_threads, vectorised=vectorised)
+    batch = batch_for(build, actor, seeds, num_threads, vectorised=vectorised)
     with contextlib.closing(batch):
         how = {"action_repeat": action_repeat, "on_step": on_step}
-        for ended in play(batch, actor, seeds, kept, **how):
+        is_own = build.original is None
+        for ended in play(batch, actor, seeds, kept, watches_draws=is_own, **how):
             yield [dataclasses.replace(one, start=starts.kind(one.seed)) for one in ended]

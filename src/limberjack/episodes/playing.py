@@ -1,7 +1,7 @@
 """`play`: the loop that plays episodes, in the rows of a batch of either kind.
 
     actor = policies.find("random", environment)
-    with contextlib.closing(batch_for(build, actor, len(seeds))) as batch:
+    with contextlib.closing(batch_for(build, actor, seeds)) as batch:
         for ended in play(batch, actor, seeds, Kept(states=True)):
             for episode in ended:
                 print(episode.seed, episode.total)
@@ -29,6 +29,7 @@ from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
 from limberjack.rl.observations import of_rows
 from limberjack.rl.pixels import PIXELS_KEY
+from limberjack.rl.shared_streams import GLOBAL_STREAMS, fingerprint
 from limberjack.see.report import Step as ShownStep
 
 __all__ = ["OnStep", "Step", "batch_for", "play", "recorded"]
@@ -81,17 +82,17 @@ OnStep = Callable[[Step], object]
 def batch_for(
     build: Build | dm_env.Environment,
     actor: Actor,
-    episodes: int,
+    seeds: Sequence[int],
     num_threads: int | None = None,
     on_divergence: str = "end",
     vectorised: bool | None = None,
 ) -> Batch:
-    """A batch in which an actor can play so many episodes: vectorised if that changes no number.
+    """A batch in which an actor can play seeds' episodes: vectorised if that changes no number.
 
     Args:
       build: makes the environments, or one to copy.
       actor: one that plays alone gets one row, a complete environment.
-      episodes: at least 1.
+      seeds: of the episodes; what a user's function makes of each of them is compared first.
       num_threads: number of threads that step the rows; by default one per usable core.
       on_divergence, vectorised: see `rl.batch_of`.
 
@@ -99,10 +100,12 @@ def batch_for(
       ValueError, TypeError: the environments cannot be made or do not agree in their specs, or
         `vectorised` is True and cannot be.
     """
+    if isinstance(build, Build) and build.original is None:
+        build = build.for_seeds(seeds)
     how = {"seed": 0, "action_repeat": 1, "on_divergence": on_divergence}
     if actor.plays_alone:
         return batch_of(build, 1, 1, vectorised=False, **how)
-    return batch_of(build, min(ROWS, episodes), num_threads, vectorised=vectorised, **how)
+    return batch_of(build, min(ROWS, len(seeds)), num_threads, vectorised=vectorised, **how)
 
 
 def play(
@@ -114,6 +117,7 @@ def play(
     action_repeat: int = 1,
     most_steps: float = math.inf,
     on_step: OnStep | None = None,
+    watches_draws: bool = False,
 ) -> Iterator[list[Episode]]:
     """The first episode of each seed, in one list for all that end with the same step.
 
@@ -128,13 +132,40 @@ def play(
         steps at which the actor acts.
       most_steps: after so many steps of an episode it is cut off, and is returned without an end.
       on_step: called as episodes begin, and after each step.
+      watches_draws: raise if a step draws from a global stream, as a user's environment may.
 
     Raises:
       PolicyError: the policy returned no valid action.
       PhysicsError: a row diverged, if the batch raises then.
+      ValueError: a step draws from a global stream.
     """
     batch.draw_every(action_repeat)
-    return _Playing(batch, actor, seeds, kept, action_repeat, most_steps, on_step).episodes()
+    playing = _Playing(batch, actor, seeds, kept, action_repeat, most_steps, on_step)
+    if watches_draws:
+        playing.step = _watching_draws(batch.step)
+    return playing.episodes()
+
+
+_BatchStep = Callable[[np.ndarray], dm_env.TimeStep]
+
+
+def _watching_draws(step: _BatchStep) -> _BatchStep:
+    """The function, which raises ValueError if it draws from a global stream."""
+
+    def watched(actions: np.ndarray) -> dm_env.TimeStep:
+        before = {name: fingerprint(stream) for name, stream in GLOBAL_STREAMS.items()}
+        time_step = step(actions)
+        for name, stream in GLOBAL_STREAMS.items():
+            if fingerprint(stream) != before[name]:
+                error = ValueError(
+                    f"a step draws from {name}, so an episode does not depend on its seed alone: "
+                    "draw from task.random, which has the seed"
+                )
+                error.add_note("the environment")
+                raise error
+        return time_step
+
+    return watched
 
 
 class _Playing:
@@ -152,6 +183,7 @@ class _Playing:
     ) -> None:
         rows = batch.num_envs
         self._batch = batch
+        self.step: _BatchStep = batch.step
         self._actor = actor
         self._action_repeat = action_repeat
         self._most_steps = most_steps
@@ -173,7 +205,7 @@ class _Playing:
             assert time_step is not None
             running = np.flatnonzero(self._running)
             actions = self._acted(time_step, running)
-            time_step = self._batch.step(actions)
+            time_step = self.step(actions)
             self._record(running, actions, time_step)
             is_over = time_step.step_type[running] == _LAST
             ended = running[is_over | (self._lengths[running] >= self._most_steps)]

@@ -63,13 +63,20 @@ def replay(
     with contextlib.closing(environment), contextlib.closing(starts):
         for path, kept in _units(dataset):
             seeds = [episode.seed for episode in kept]
-            repeat = recipe.facts["action_repeat"]
+            repeat = int(recipe.facts["action_repeat"])
             actor = recorded({one.seed: one.actions for one in kept}, repeat)
             # One step after the longest episode: a forged recipe could make it take days.
             most = max(episode.length for episode in kept) + 1
-            how = {"action_repeat": repeat, "most_steps": most}
-            with contextlib.closing(batch_for(build, actor, len(seeds), num_threads)) as batch:
-                played = play(batch, actor, seeds, recipe.kept, on_step=on_step, **how)
+            with contextlib.closing(batch_for(build, actor, seeds, num_threads)) as batch:
+                played = play(
+                    batch,
+                    actor,
+                    seeds,
+                    recipe.kept,
+                    action_repeat=repeat,
+                    most_steps=most,
+                    on_step=on_step,
+                )
                 found = {episode.seed: episode for ended in played for episode in ended}
             for one in kept:
                 again = dataclasses.replace(found[one.seed], start=starts.kind(one.seed))

@@ -20,7 +20,7 @@ from limberjack.evaluation import results
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.store import Store
 from limberjack.utils.facts import Facts
-from limberjack.utils.seeds import checked_seed
+from limberjack.utils.seeds import distinct_seeds
 from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit
 from limberjack.workers.factories import Make
 from limberjack.worlds import World
@@ -107,7 +107,7 @@ def evaluate(
         domain,
         task,
         policy,
-        _checked_seeds(seeds),
+        distinct_seeds(seeds),
         time_limit=time_limit,
         action_repeat=action_repeat,
         scale=Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised),
@@ -225,17 +225,3 @@ def _asked_for(seeds: Sequence[int]) -> dict[str, object]:
             "resamples": statistics.RESAMPLES,
         },
     }
-
-
-def _checked_seeds(seeds: Iterable[int]) -> list[int]:
-    """The seeds as a list.
-
-    Raises:
-      ValueError, TypeError: there is no seed, one occurs twice, or one is invalid.
-    """
-    checked = [checked_seed(seed) for seed in seeds]
-    if not checked:
-        raise ValueError("there are no seeds; expected at least one, such as range(100)")
-    if len(set(checked)) < len(checked):
-        raise ValueError("a seed occurs twice; expected each once, so that no episode counts twice")
-    return checked

@@ -33,6 +33,7 @@ from limberjack.episodes.environments import seconds_without_a_limit
 from limberjack.evaluation import statistics
 from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
+from limberjack.evaluation.store import SUMMARY
 from limberjack.policies import PolicyError
 from limberjack.registry import sets
 from limberjack.registry.sets import Tasks, TaskSet, refusals_named
@@ -44,7 +45,6 @@ from limberjack.worlds.appearance import Appearance, Looks
 from limberjack.worlds.faults import Faults
 
 __all__ = [
-    "SUMMARY",
     "VERSION",
     "SetEvaluation",
     "TaskScores",
@@ -53,7 +53,6 @@ __all__ = [
 ]
 
 VERSION = 1  # of the protocol: it changes with any of the numbers below
-SUMMARY = "set.json"  # the file of the results of all tasks
 
 _SEEDS = range(30_000, 30_010)  # on which neither the planner nor an agent of ours was tuned
 _ACTION_REPEAT = 2

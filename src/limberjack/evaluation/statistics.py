@@ -40,7 +40,8 @@ def interquartile_mean(scores: np.ndarray) -> np.ndarray:
     Raises:
       ValueError: a score is not finite, or there are none.
     """
-    flat = np.sort(_finite(scores).reshape(*scores.shape[:-2], -1), axis=-1)
+    checked = _finite(scores)
+    flat = np.sort(checked.reshape(*checked.shape[:-2], -1), axis=-1)
     cut = int(_CUT * flat.shape[-1])
     return flat[..., cut : flat.shape[-1] - cut].mean(axis=-1)
 
@@ -60,15 +61,19 @@ def stratified_interval(
     Args:
       scores: (runs, tasks).
       statistic: takes (resamples, runs, tasks) and returns (resamples,).
-      resamples: number of resamples.
+      resamples: number of resamples, at least 1.
 
     Returns:
       The bounds; None for fewer than two runs, which have no spread.
 
     Raises:
-      ValueError: the scores have another shape, are not finite, or there are none.
+      ValueError: the scores have another shape, are not finite, or there are none; there are no
+        resamples, or the statistic returns another number of finite values.
     """
-    runs, tasks = _checked(scores).shape
+    scores = _checked(scores)
+    runs, tasks = scores.shape
+    if resamples < 1:
+        raise ValueError(f"resamples is {resamples}; expected at least 1")
     if runs < 2:
         return None
     # RandomState: its streams are the same in all versions of NumPy.
@@ -78,7 +83,13 @@ def stratified_interval(
     for first in range(0, resamples, at_once):
         count = min(at_once, resamples - first)
         drawn = stream.randint(runs, size=(count, runs, tasks))
-        values.append(statistic(scores[drawn, np.arange(tasks)]))
+        found = np.asarray(statistic(scores[drawn, np.arange(tasks)]))
+        if found.shape != (count,) or not np.isfinite(found).all():
+            raise ValueError(
+                f"statistic returned {found!r}; expected a finite number for each of {count} "
+                "resamples, over the last two axes"
+            )
+        values.append(found)
     tail = (1 - _CONFIDENCE) / 2
     low, high = np.quantile(np.concatenate(values), [tail, 1 - tail])
     return float(low), float(high)
@@ -99,6 +110,7 @@ def percentiles(scores: np.ndarray) -> dict[int, float]:
 
 def _checked(scores: np.ndarray) -> np.ndarray:
     """The scores, if they are a matrix of finite numbers."""
+    scores = np.asarray(scores)
     if scores.ndim != 2:
         raise ValueError(f"scores have shape {scores.shape}; expected (runs, tasks)")
     return _finite(scores)
@@ -106,7 +118,8 @@ def _checked(scores: np.ndarray) -> np.ndarray:
 
 def _finite(scores: np.ndarray) -> np.ndarray:
     """The scores, (..., runs, tasks), if all are finite; a sort would hide others at its end."""
-    if scores.size == 0:
+    scores = np.asarray(scores)
+    if scores.size == 0 or scores.ndim < 2:
         raise ValueError(f"scores have shape {scores.shape}; expected at least one run and task")
     if not np.isfinite(scores).all():
         index = tuple(np.argwhere(~np.isfinite(scores))[0].tolist())

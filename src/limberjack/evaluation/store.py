@@ -37,12 +37,13 @@ from limberjack.utils.files import Hold, appending, flush_folder, read_regular
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.identity import advice_on, first_mismatch, processor
 
-__all__ = ["EPISODES", "PAGE", "PICTURE", "RESULT", "Store", "check_folder"]
+__all__ = ["EPISODES", "PAGE", "PICTURE", "RESULT", "SUMMARY", "Store", "check_folder"]
 
 EPISODES = "episodes.jsonl"
 RESULT = "result.json"
 PAGE = "report.html"
 PICTURE = "returns.png"
+SUMMARY = "set.json"  # the results of a set of tasks, each in a folder of its own
 
 _SHARD = "episodes-{}-of-{}.jsonl"
 _VERSIONS = "versions"
@@ -349,8 +350,11 @@ def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
       OSError: the folder's result cannot be read.
     """
     others = [name for name in (RESULT, PAGE, PICTURE) if os.path.lexists(directory / name)]
-    if os.path.lexists(directory / MANIFEST):
-        raise ValueError(f"{directory} holds a dataset, {MANIFEST}: choose another folder")
+    if os.path.lexists(directory) and not directory.is_dir():
+        raise ValueError(f"{directory} is no folder: choose another name")
+    for name, what in ((MANIFEST, "a dataset"), (SUMMARY, "the results of a set")):
+        if os.path.lexists(directory / name):
+            raise ValueError(f"{directory} holds {what}, {name}: choose another folder")
     if others and not any(directory.glob("episodes*.jsonl")):
         raise ValueError(
             f"{directory} holds {others[0]} but no {EPISODES}, so it is not the folder of an "

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from limberjack.mujoco.camera import check_names
 from limberjack.rl.pixels import cameras_of, render_arguments
 from limberjack.utils.keywords import keywords, with_keyword
-from limberjack.utils.seeds import checked_seed
+from limberjack.utils.seeds import checked_seed, first_of_seeds
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -59,13 +59,12 @@ def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
     """The seed of each row: `seed + i` for a number, the items of a sequence otherwise.
 
     Raises:
-      TypeError, ValueError: see `checked_seed`; or a sequence has another length than `num_envs`.
+      TypeError, ValueError: see `first_of_seeds`; or a sequence has another length than `num_envs`.
     """
     if seed is None:
         return [None] * num_envs
     if np.ndim(seed) == 0:
-        first = checked_seed(seed)
-        checked_seed(first + num_envs - 1)
+        first = first_of_seeds(seed, num_envs)
         return list(range(first, first + num_envs))
     if len(seed) != num_envs:
         raise ValueError(f"there are {len(seed)} seeds; expected {num_envs}: one for each row")

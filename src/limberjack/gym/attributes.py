@@ -306,7 +306,7 @@ def _setting(task: object, name: str, values: Sequence[object]) -> object:
         known = _setting_names(task)
         raise AttributeError(
             f"the task {type(task).__name__} has no setting {name!r} that can be changed."
-            f"{did_you_mean(name, known)} It has: {', '.join(known)}. {_WAY_OUT}"
+            f"{did_you_mean(name, known)} It has: {', '.join(known) or 'none'}. {_WAY_OUT}"
         )
     first, old = values[0], getattr(task, name)
     if not all(_is_equal(value, first) for value in values[1:]):

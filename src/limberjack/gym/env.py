@@ -112,6 +112,7 @@ class Env(gymnasium.Env):
         self._counted = 0
         # The id's length in control steps, if actions are repeated and no other length is given.
         self._length: int | None = None
+        self._most: float = math.inf  # actions of an episode, by the caller's time limit
         self._spec: EnvSpec | None = None
         self._closed = False
 
@@ -129,10 +130,12 @@ class Env(gymnasium.Env):
         self._spec = spec
 
     def _agree_with(self, limits: Sequence[TimeLimit]) -> bool:
-        """Give limits that have the id's length, in control steps, that number of actions.
+        """Give limits the actions of a time limit that ends sooner, and of the id's control steps.
 
-        Returns whether there are any.
+        Returns whether any has the length of the id.
         """
+        for limit in limits:
+            limit._max_episode_steps = int(min(limit._max_episode_steps, self._most))
         if self._length is None:
             return False
         actions = self.actions_of(self._length)
@@ -273,7 +276,7 @@ class Env(gymnasium.Env):
         is_last = time_step.last()
         truncated = is_last and played.timed_out
         observation = self._observations.of_one(time_step.observation)
-        reward = float(time_step.reward)
+        reward = self._number(time_step.reward)
         return observation, reward, is_last and not truncated, truncated, self._info()
 
     def snapshot(self) -> Snapshot:
@@ -315,6 +318,14 @@ class Env(gymnasium.Env):
         return represented(self, self._played.description())
 
     __str__ = __repr__  # Gymnasium's wrappers show it within their own
+
+    def _number(self, reward: Any) -> float:  # whatever the task returned
+        try:
+            return float(reward)
+        except (TypeError, ValueError) as error:
+            raise TypeError(
+                f"the reward of {self._played.description().task} is {reward!r}; expected a number"
+            ) from error
 
     def _info(self) -> dict[str, object]:
         """The terms of the last step's reward, and whether the goal is reached now."""

@@ -60,26 +60,26 @@ def _limit(
       name: of the task, for messages.
       length: of the id; None for an id without a length.
       most: the number after which Gymnasium ends episodes: the caller's, or the id's; None for an
-        id without one.
+        id or a spec without one.
       own: the environment's limit as it was loaded.
       is_asked_for: whether the caller gave a time limit.
       make: Gymnasium's function.
 
     Raises:
       TypeError: `most` is not a whole number.
-      ValueError: `most` is out of range, or less than the time limit; or changed control steps give
-        episodes another length than the id's.
+      ValueError: `most` is out of range; the time limit is longer than the id's length; or changed
+        control steps give episodes another length than the id's.
     """
-    if most is None:
-        return own
+    if most is None:  # that of a spec without a limit, if the id has one
+        return own if length is None or is_asked_for else math.inf
     most = _checked(most)
     if is_asked_for:
-        if most != _UNLIMITED and own > most:
+        if most == length and own > most:
             raise ValueError(
                 f"time_limit makes episodes of {_steps(own)}, and Gymnasium ends those of {name} "
-                f"after {most}: give {_maximum(own)} to {make} instead"
+                f"after {most}: give {make} {_maximum(own)} in its place"
             )
-        return own
+        return own if most == _UNLIMITED else min(own, most)
     if most == length and (math.isinf(own) or math.ceil(own) != length):
         raise ValueError(
             f"with these arguments episodes of {name} have {_steps(own)}, and Gymnasium ends them "
@@ -196,6 +196,8 @@ def make(
         # The id's length is in control steps, of which the last action may have fewer.
         env._length, is_asked_for = length, True
     own = environment._step_limit / repeat
+    if _asks_for_a_time_limit(kwargs) and math.isfinite(own):
+        env._most = math.ceil(own)
     limit = _limit(f"{domain}:{task}", length, length, own, is_asked_for, "gymnasium.make")
     if not is_asked_for:
         limit = math.inf  # `TimeLimit` counts instead
@@ -232,7 +234,7 @@ def make_vector(
 
     Raises:
       TypeError: an argument is unknown; the message suggests the nearest name.
-      ValueError: the time limit is longer than `max_episode_steps`, or that is out of range.
+      ValueError: the time limit is longer than the id's, or `max_episode_steps` is out of range.
     """
     if isinstance(module, str):
         suite.require(domain, module)
@@ -273,7 +275,9 @@ def make_many(
       ValueError: see `gym.load_vector`; or `max_episode_steps` is out of range.
     """
     most = None if max_episode_steps is None else _checked(max_episode_steps)
-    envs = load_vector(tasks, num_envs=num_envs, **kwargs)
+    # Gymnasium's own default is one row.
+    count = None if num_envs == 1 and kwargs.get("rows") is not None else num_envs
+    envs = load_vector(tasks, num_envs=count, **kwargs)
     for batch in envs.batches:
         if most is not None:
             batch.step_limit = math.inf if most == _UNLIMITED else most * batch.action_repeat

@@ -183,12 +183,20 @@ def specs_of_one_row(batched: Mapping[str, specs.Array]) -> dict[str, specs.Arra
     return {name: specs.Array(spec.shape[1:], spec.dtype) for name, spec in batched.items()}
 
 
-def action_space(spec: specs.BoundedArray, dtype: npt.DTypeLike = "float32") -> spaces.Box:
+def action_space(
+    spec: specs.BoundedArray, dtype: npt.DTypeLike = "float32"
+) -> spaces.Box | spaces.Discrete:
     """The space of one simulation's actions, float32 as in Gymnasium's MuJoCo environments.
 
     It lies within the spec: bounds that the type cannot represent are rounded inward. Where the
     spec is unlimited, the bounds are infinite, so that Gymnasium samples a normal distribution.
+    Actions that are whole numbers keep their type; a `DiscreteArray` is a `Discrete`.
     """
+    if isinstance(spec, specs.DiscreteArray):
+        return spaces.Discrete(spec.num_values)
+    if spec.dtype.kind in "iu":
+        least, most = np.broadcast_arrays(spec.minimum, spec.maximum)
+        return spaces.Box(least, most, spec.shape, spec.dtype.type)
     number = _float_type(dtype)
     low, high = open_bounds(spec)
     least, most = low.astype(number), high.astype(number)

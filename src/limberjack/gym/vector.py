@@ -273,6 +273,11 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         seeds = arguments.row_seeds(seed, self.num_envs)
         mask = arguments.reset_mask(options, self.num_envs, arguments.STATE)
         begun = np.ones(self.num_envs, bool) if mask is None else mask
+        if not (self._is_begun or begun.all()):
+            raise ValueError(
+                f"reset_mask leaves out rows {np.flatnonzero(~begun).tolist()}, which have begun "
+                "no episode yet: reset all rows first; nothing was reset"
+            )
         masks = [begun[rows] for rows in self.halves]
         states = states_of_rows((options or {}).get(arguments.STATE), self.batches, masks)
         if isinstance(seed, int | np.integer):
@@ -337,7 +342,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_begun()
         if len(self._parts) != 2:
             raise RuntimeError("this environment has no halves: make it with pipelined=True")
-        if half not in (0, 1):
+        if isinstance(half, bool) or half not in (0, 1) or not isinstance(half, SupportsIndex):
             raise ValueError(f"half is {half!r}; expected 0 or 1")
         if half in self._workers.busy:
             raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
@@ -436,10 +441,14 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_open()
         self._workers.check_idle()
 
+    @property
+    def _is_begun(self) -> bool:
+        """Whether rows were reset, or restored from a snapshot."""
+        return self._was_reset or not all(batch.begins.all() for batch in self.batches)
+
     def _check_begun(self) -> None:
         self._check_open()
-        # A row may also have been restored from a snapshot.
-        if not self._was_reset and all(batch.begins.all() for batch in self.batches):
+        if not self._is_begun:
             raise error.ResetNeeded("no episode is running: call reset() before step()")
 
 

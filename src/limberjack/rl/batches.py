@@ -30,6 +30,7 @@ from limberjack.utils.log import log
 __all__ = ["NOT_VECTORISED", "batch_of", "vectorisable"]
 
 NOT_VECTORISED = "not vectorised: %s"  # logged with the reason, which commands print
+_COMPARED = 8  # rows, about, whose environments are compared with those of their seeds
 
 
 def batch_of(
@@ -72,12 +73,15 @@ def batch_of(
     if vectorised not in (None, True, False):
         raise ValueError(f"vectorised is {vectorised!r}; expected None, True or False")
     first = first_seed(seed, num_envs)
+    given = environment_or_build
+    if not isinstance(given, dm_env.Environment | Build):
+        given = Build.of(given).for_seeds(_spread(first, num_envs))
     try:
         if contexts is not None:
             raise NotVectorised("contexts were given, with which each row is made by itself")
         if vectorised is False:
             raise NotVectorised("rows were asked for")
-        env = _single(environment_or_build, first)
+        env = _single(given, first)
         return BatchEnvironment.from_environment(
             env, num_envs, num_threads, first, on_divergence, stagger, action_repeat
         )
@@ -87,7 +91,7 @@ def batch_of(
         why = str(reason.args[0])
         if vectorised is None and contexts is None:
             log.info(NOT_VECTORISED, why)
-        build = Build.of(environment_or_build)
+        build = Build.of(given)
         how = num_envs, num_threads, first, on_divergence, contexts, action_repeat, stagger
         return RowsEnvironment(build, *how, why_rows=why)
 
@@ -115,6 +119,12 @@ def vectorisable(env: object) -> Environment:
             f"{reason.args[0]}; policies of observations and batches play such tasks"
         ) from reason
     return env
+
+
+def _spread(first: int, num_envs: int) -> list[int]:
+    """A few of the seeds of rows, among them the last one's."""
+    last = first + num_envs - 1
+    return [*range(first + 1, last, max(1, num_envs // _COMPARED)), last]
 
 
 def _single(given: dm_env.Environment | Make | Build, seed: int) -> Environment:

@@ -11,14 +11,17 @@ A plain `control.Environment` is given another seed in place: its stream and the
 belong to it are drawn again, and what its task remembers is put back. Any other is made again.
 """
 
+import contextlib
 import copy
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, cast
 
 import dm_env
 import numpy as np
 
+from limberjack.rl.action_specs import bounds_to_try, spec_of
+from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference
 from limberjack.rl.memory import Memory, put_back, remembered
@@ -45,6 +48,11 @@ __all__ = [
 Make = Callable[..., dm_env.Environment]
 
 _OTHER_SEED = 1  # added to a seed, to compare what a function makes of two
+_STEPS_OF_AN_OPENING = 10
+_HAND_ON = (
+    "hand its seed on to the task, as in suite.load(domain, task, {'random': seed}), and draw from "
+    "task.random"
+)
 
 
 class Build:
@@ -61,6 +69,8 @@ class Build:
         self._make = make
         self.name = name
         self.original = original
+        self.seeds: tuple[int, ...] = ()  # see `for_seeds`
+        self._are_stable: dict[int, bool] = {}  # by seed
 
     @classmethod
     def of(cls, given: object) -> "Build":
@@ -88,6 +98,11 @@ class Build:
                 "makes one"
             )
         make = cast(Make, given)  # `make` checks what it returns
+        if not takes_a_seed(make, alone=False):
+            raise TypeError(
+                f"{given!r} cannot be called with a seed; expected a function build(seed) that "
+                "makes an environment"
+            )
         return cls(make, getattr(given, "__qualname__", type(given).__name__))
 
     @classmethod
@@ -119,6 +134,12 @@ class Build:
                 "such as a limberjack.rl.control.Environment"
             )
         return made
+
+    def for_seeds(self, seeds: Iterable[int]) -> "Build":
+        """The same, of which `is_stable` compares the environments of these seeds as well."""
+        other = copy.copy(self)
+        other.seeds, other._are_stable = tuple(seeds), {}
+        return other
 
     def seeded(
         self,
@@ -311,38 +332,92 @@ def settable(env: dm_env.Environment) -> Environment:
 def is_stable(build: Build, seed: int) -> bool:
     """Whether an environment that is given another seed equals one that is made with it.
 
-    The model, the attributes of the task, the time limit and the control step of two environments
-    are compared, and their first episodes' starts. False for environments that are not plain.
+    The model, the attributes of the task, the time limit, the control step and the stream of the
+    environment of this seed are compared with those of a seed beside it, and of the seeds that the
+    build is for. False for environments that are not plain.
+
+    Raises:
+      ValueError: the function hands the seed on to no random stream.
     """
     if build.copies:
         return True
+    if seed not in build._are_stable:
+        build._are_stable[seed] = _is_stable(build, seed)
+    return build._are_stable[seed]
+
+
+def _is_stable(build: Build, seed: int) -> bool:
     another = seed - _OTHER_SEED if seed else seed + _OTHER_SEED
     one, other = build.make(seed), build.make(another)
     ids = [{id(part) for part in parts_of(env).values()} for env in (one, other)]
     if ids[0] & ids[1]:  # neither can be closed without the other
         return False
-    try:
-        if difference(one) is not None or difference(other) is not None:
-            return False
-        assert isinstance(one, Environment)
-        assert isinstance(other, Environment)
-        if _settings(one) != _settings(other):
-            return False
-        one.reseed(another)
-        return _start(one) == _start(other)
-    finally:
-        one.close()
-        other.close()
+    with contextlib.closing(one), contextlib.closing(other):
+        stream = _stream(one)
+        if stream is not None and stream == _stream(other):
+            raise ValueError(
+                f"{build.name} makes environments with the same random stream for seeds {seed} and "
+                f"{another}: {_HAND_ON}"
+            )
+        first = _settings(one)
+        is_alike = _is_alike(one, other, another, first) and _start(one) == _start(other)
+    if not is_alike:
+        with contextlib.closing(build.make(seed)) as again:
+            if _stream(again) != stream:
+                raise ValueError(
+                    f"{build.name} makes an environment that differs each time it is called with "
+                    f"seed {seed}: {_HAND_ON}"
+                )
+        return False
+    with contextlib.closing(build.make(seed)) as one:
+        for another in build.seeds:
+            with contextlib.closing(build.make(another)) as other:
+                if not _is_alike(one, other, another, first):
+                    return False
+    return True
+
+
+def _is_alike(
+    one: dm_env.Environment, other: dm_env.Environment, seed: int, settings: object
+) -> bool:
+    """Whether an environment is another one with these settings, once it is given its seed."""
+    if difference(one) is not None or difference(other) is not None:
+        return False
+    assert isinstance(one, Environment)
+    if settings != _settings(other):
+        return False
+    one.reseed(seed)
+    return _stream(one) == _stream(other)
+
+
+def _stream(env: dm_env.Environment) -> object:
+    """The state of the task's random stream; None without one."""
+    stream = getattr(getattr(control_of(env), "_task", None), "random", None)
+    if not isinstance(stream, np.random.RandomState):
+        return None
+    _, key, *others = stream.get_state()
+    return np.asarray(key).tobytes(), *others
 
 
 def is_reproducible(build: Build, seed: int) -> bool:
-    """Whether two environments that are made with one seed begin with the same observation."""
-    starts = []
+    """Whether two environments that are made with one seed are the same, and play the same."""
+    openings = []
     for _ in range(2):
-        env = build.make(seed)
-        starts.append(_start(env))
-        env.close()
-    return starts[0] == starts[1]
+        with contextlib.closing(build.make(seed)) as env:
+            openings.append((_settings(env), _start(env), _opening(env)))
+    return openings[0] == openings[1]
+
+
+def _opening(env: dm_env.Environment) -> object:
+    """The rewards and observations of a few steps after a reset, until the simulation diverges."""
+    spec, stream = spec_of(env), np.random.RandomState(0)
+    low, high = bounds_to_try(spec)
+    found: list[tuple[bytes, dict[object, bytes]]] = []
+    with contextlib.suppress(PhysicsError):
+        for _ in range(_STEPS_OF_AN_OPENING):
+            step = env.step(stream.uniform(low, high, spec.shape).astype(spec.dtype))
+            found.append((np.asarray(step.reward).tobytes(), _bytes_of(step.observation)))
+    return found
 
 
 def parts_of(env: dm_env.Environment) -> dict[str, object]:
@@ -353,7 +428,10 @@ def parts_of(env: dm_env.Environment) -> dict[str, object]:
     return {name: one for name, one in parts.items() if one is not None}
 
 
-def _settings(env: Environment) -> object:
+def _settings(env: dm_env.Environment) -> object:
+    if difference(env) is not None:
+        return None
+    assert isinstance(env, Environment)
     task = env.task
     comparable = (bool, int, float, str, bytes, type(None), tuple, np.ndarray)
     attributes = {
@@ -370,17 +448,22 @@ def numbers_of(env: Environment) -> object:
 
 
 def _start(env: dm_env.Environment) -> object:
-    observation: object = env.reset().observation
-    named = observation if isinstance(observation, Mapping) else {"": observation}
+    observed = _bytes_of(env.reset().observation)
     get_state = getattr(getattr(control_of(env), "physics", None), "get_state", None)
     state = b"" if get_state is None else get_state().tobytes()
-    return state, {name: np.asarray(value).tobytes() for name, value in named.items()}
+    return state, observed
 
 
-def takes_a_seed(make: Callable[..., object]) -> bool:
-    """Whether a function can be called with one argument."""
+def _bytes_of(observation: object) -> dict[object, bytes]:
+    named = observation if isinstance(observation, Mapping) else {"": observation}
+    return {name: np.asarray(value).tobytes() for name, value in named.items()}
+
+
+def takes_a_seed(make: Callable[..., object], alone: bool = True) -> bool:
+    """Whether a function can be called with one argument, alone or with keywords."""
     try:
-        inspect.signature(make).bind(0)
+        signature = inspect.signature(make)
+        _ = signature.bind(0) if alone else signature.bind_partial(0)
     except TypeError:
         return False
     except ValueError:  # a built-in function without a readable signature: a call may still work

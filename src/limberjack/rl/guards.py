@@ -10,7 +10,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl.action_specs import as_numbers, not_finite
-from limberjack.utils.seeds import checked_seed
+from limberjack.utils.seeds import checked_seed, first_of_seeds
 
 __all__ = [
     "OneUser",
@@ -177,11 +177,9 @@ def first_seed(seed: int | None, count: int) -> int:
     """The seed of the first of several rows; an arbitrary one for None.
 
     Raises:
-      TypeError, ValueError: the first or the last seed is invalid: see `checked_seed`.
+      TypeError, ValueError: see `first_of_seeds`.
     """
-    first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
-    checked_seed(first + count - 1)
-    return first
+    return first_of_seeds(np.random.RandomState().randint(2**31) if seed is None else seed, count)
 
 
 def streams_of_seeds(

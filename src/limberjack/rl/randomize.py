@@ -90,10 +90,12 @@ class Randomizer:
             except (TypeError, ValueError, OverflowError) as error:
                 kind = TypeError if isinstance(error, TypeError) else ValueError
                 raise kind(f"randomize[{name!r}], which is {draw!r}: {error}") from error
-            if values.shape != nominal.shape or not np.isfinite(values).all():
+            is_of_shape = values.shape == nominal.shape
+            if not (is_of_shape and np.isfinite(values).all()):
+                drew = values if is_of_shape else f"an array of shape {values.shape}"
                 raise ValueError(
-                    f"randomize[{name!r}] drew an array of shape {values.shape}; expected finite "
-                    f"numbers of shape {nominal.shape}, that of the model's field"
+                    f"randomize[{name!r}] drew {drew}; expected finite numbers of shape "
+                    f"{nominal.shape}, that of the model's field"
                 )
             drawn[name] = values
         return drawn

@@ -66,10 +66,13 @@ def drawn_from(streams: Mapping[str, object], play: Callable[[], object]) -> str
 
 
 def fingerprint(stream: object) -> bytes:
-    """The state of a `RandomState`, or of NumPy's global one, as bytes that every draw changes.
+    """The state of a stream as bytes that every draw changes.
 
-    It is read where NumPy keeps it, in a microsecond; `get_state` takes thirty.
+    That of a `RandomState`, or of NumPy's global one, is read where NumPy keeps it, in a
+    microsecond; `get_state` takes thirty.
     """
+    if stream is random:
+        return state_of(stream)
     owner = np.random.mtrand._rand if stream is np.random else cast(np.random.RandomState, stream)
     generator = owner._bit_generator
     if isinstance(generator, np.random.MT19937):

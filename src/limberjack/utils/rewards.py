@@ -112,7 +112,8 @@ def tolerance(
         return float(curve(np.float64(distance / margin), scale))
     if isinstance(x, _NUMBERS):  # an integer, or a NumPy scalar that is not a float
         return float(_with_masks(x, lower, upper, margin, curve, scale))
-    if x.ndim and _needs_no_masks(x, lower, upper):
+    # Not with a list, which is refused, or a margin that is NaN.
+    if margin > 0 and getattr(x, "ndim", 0) and _needs_no_masks(x, lower, upper):
         # Every sigmoid is exactly 1 at distance 0.
         distance = _distance(x, lower, upper)
         return curve(distance if margin == 1 else distance / margin, scale)

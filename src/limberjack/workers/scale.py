@@ -165,6 +165,8 @@ class Scale:
         workers = self.workers
         if not self._is_asked_for and self._processes(episodes) > 1:
             workers = self._processes(episodes)
+        if workers is not None and self.executor is None and self.ray is None:
+            workers = min(at_least_one("workers", workers), max(1, episodes))
         return open_workers(workers, executor=self.executor, ray=self.ray, on_state=self.on_state)
 
     @property

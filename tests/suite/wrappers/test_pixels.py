@@ -92,6 +92,18 @@ def test_an_episode_looks_as_in_dm_control(pixels_only: bool) -> None:
             np.testing.assert_array_equal(one.observation[name], other.observation[name])
 
 
+def test_a_subclass_may_change_the_picture_where_dm_controls_may() -> None:
+    class Gray(pixels.Wrapper):
+        def _add_pixel_observation(self, time_step: Any) -> Any:
+            seen = super()._add_pixel_observation(time_step)
+            seen.observation["pixels"] = seen.observation["pixels"].mean(-1)
+            return seen
+
+    wrapped = Gray(_humanoid(), render_kwargs=_SIZE)
+    for time_step in (wrapped.reset(), wrapped.step(np.zeros(21))):
+        assert time_step.observation["pixels"].shape == (_SIZE["height"], _SIZE["width"])
+
+
 @pytest.mark.parametrize("pixels_only", [True, False])
 def test_an_array_becomes_the_state_beside_the_picture(pixels_only: bool) -> None:
     env = ArrayEnvironment()

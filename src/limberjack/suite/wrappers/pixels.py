@@ -72,17 +72,17 @@ class Wrapper(_delegating.Wrapper):
 
     def reset(self) -> dm_env.TimeStep:
         """The first time step of a new episode, with its picture."""
-        return self._seen(self._env.reset())
+        return self._add_pixel_observation(self._env.reset())
 
     def step(self, action: ArrayLike) -> dm_env.TimeStep:
         """Steps the wrapped environment and renders it."""
-        return self._seen(self._env.step(action))
+        return self._add_pixel_observation(self._env.step(action))
 
     def observation_spec(self) -> MutableMapping[str, specs.Array]:
         """The spec of the picture, with those of the other observations unless `pixels_only`."""
         return self._observation_spec
 
-    def _seen(self, time_step: dm_env.TimeStep) -> dm_env.TimeStep:
+    def _add_pixel_observation(self, time_step: dm_env.TimeStep) -> dm_env.TimeStep:
         observation = self._with(time_step.observation, self._picture())
         return time_step._replace(observation=observation)
 
