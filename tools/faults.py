@@ -338,7 +338,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (" and _start(one) == _start(other)", ""),
         ("if stream is not None and stream == _stream(other):", "if False:"),
         ("            if _stream(again) != stream:\n", "            if False:\n"),
-        ("        for another in build.seeds:\n", "        for another in ():\n"),
+        ("        for another in others:\n", "        for another in others[1:]:\n"),
         ("    return _stream(one) == _stream(other)\n", "    return True\n"),
         ("append((_settings(env), _start(env), _opening(env)))", "append(_start(env))"),
         ("        if not takes_a_seed(make, alone=False):\n", "        if False:\n"),
