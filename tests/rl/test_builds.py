@@ -157,6 +157,15 @@ def test_first_steps_and_the_model_are_compared_too(make: Any) -> None:
     assert not builds.is_reproducible(Build.of(make), 3)
 
 
+class _Diverging(odd.Pole):
+    def before_step(self, action: Any, physics: Any) -> None:
+        physics.named.data.qvel["hinge"] = 1e20
+
+
+def test_environments_that_diverge_in_their_first_steps_are_compared_up_to_there() -> None:
+    assert builds.is_reproducible(Build.of(functools.partial(odd.of_task, _Diverging)), 3)
+
+
 def _unseeded(seed: int) -> Any:
     return odd.environment(odd.LastAction, np.random.randint(2**31))
 
