@@ -158,7 +158,7 @@ def test_first_steps_and_the_model_are_compared_too(make: Any) -> None:
 
 
 class _Diverging(odd.Pole):
-    def before_step(self, action: Any, physics: Any) -> None:
+    def after_step(self, physics: Any) -> None:
         physics.named.data.qvel["hinge"] = 1e20
 
 
