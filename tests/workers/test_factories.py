@@ -117,3 +117,8 @@ def test_a_world_is_that_of_every_environment_and_of_another_length() -> None:
         assert "dummy-0" in one.make(3).reset().observation
     with pytest.raises(TypeError, match=r"world is \{'faults': 'easy'\}, but .* makes"):
         factory_of(plain_domain.make, world={"faults": "easy"})
+
+
+def test_a_world_that_is_no_mapping_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"world is 'easy'; expected a mapping, such as \{'faults'"):
+        factory_of("walker", "walk", None, "easy")  # pyright: ignore[reportArgumentType]

@@ -362,7 +362,7 @@ def chosen_seeds(seeds: str | None, episodes: int | None, default: int) -> range
         return range(default if episodes is None else episodes)
     found = re.fullmatch(r"(\d+)(?::(\d+))?", seeds)
     if found is None:
-        raise ValueError(f"--seeds is {seeds!r}; expected A:B, such as 0:100 for the first hundred")
+        raise ValueError(f"--seeds is {seeds!r}; expected A:B, such as 0:100, from 0 on")
     first = int(found[1])
     chosen = range(first, first + 1 if found[2] is None else int(found[2]))
     if not chosen:

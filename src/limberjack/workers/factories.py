@@ -13,7 +13,7 @@ with `__call__` depends on more than its source: it has no hash, so its results 
 
 import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import dm_env
 
@@ -144,6 +144,8 @@ def _refuse_beside(
 
 def _of_the_suite(domain: str, task: str, time_limit: float | None, world: World | None) -> Factory:
     more = {} if time_limit is None else {"time_limit": time_limit}
+    if world is not None and not isinstance(world, Mapping):
+        raise TypeError(f"world is {world!r}; expected a mapping, such as {{'faults': 'easy'}}")
     of_environment = dict(world) if world else None
 
     def make(seed: int) -> dm_env.Environment:
