@@ -1,6 +1,7 @@
 """`batch_of`: the kind of batch, its reason, and the numbers of single environments in each."""
 
 import functools
+import itertools
 import re
 from typing import Any
 
@@ -158,3 +159,99 @@ def test_the_suites_own_tasks_are_vectorised() -> None:
 
 def _cartpole(seed: int) -> Any:
     return suite.load("cartpole", "swingup", {"random": seed})
+
+
+class _Holding(odd.Pole):
+    """Reads what it keeps of the simulation in the place of what the hooks get."""
+
+    def __init__(self, kept: Any, random: Any = None) -> None:
+        super().__init__(random=random)
+        self.kept = kept
+
+    def get_reward(self, physics: Any) -> Any:
+        kept = self.kept() if callable(self.kept) else self.kept
+        return float(np.sum(kept if isinstance(kept, np.ndarray) else kept.position()))
+
+
+_KEPT: dict[str, Any] = {
+    "physics": lambda physics: physics,
+    "view": lambda physics: physics.data.qpos,
+    "method": lambda physics: physics.position,
+}
+
+
+def _holding(seed: int, kind: str) -> Any:
+    env = odd.environment(odd.Pole, seed)
+    env._task = _Holding(_KEPT[kind](env.physics), random=seed)
+    return env
+
+
+@pytest.mark.parametrize("kind", _KEPT)
+def test_a_task_that_keeps_the_simulation_is_played_in_rows(kind: str) -> None:
+    build = functools.partial(_holding, kind=kind)
+    batch = batch_of(build, 3, seed=0)
+    assert "keeps the simulation of its environment in self.kept" in str(batch.why_rows)
+    singles = [build(row) for row in range(3)]
+    batch.reset()
+    for single in singles:
+        single.reset()
+    for _ in range(odd.STEPS - 1):
+        rewards = batch.step(np.ones((3, 1))).reward
+        assert rewards.tolist() == [one.step(np.ones(1)).reward for one in singles]
+
+
+class _Starting(odd.Pole):
+    """Starts where something that belongs to the task says."""
+
+    def __init__(self, random: Any = None) -> None:
+        super().__init__(random=random)
+        self.turns = itertools.cycle([0.1, 0.2, 0.3])
+        self.count = bytearray(1)
+
+    @functools.cached_property
+    def cached(self) -> float:
+        return self.random.uniform(-1, 1)
+
+    @functools.lru_cache  # noqa: B019
+    def memoised(self) -> float:
+        return self.random.uniform(-1, 1)
+
+    def counted(self) -> float:
+        self.count[0] += 1
+        return 0.1 * self.count[0]
+
+
+_ANGLES: dict[str, Any] = {
+    "cached": lambda task: task.cached,
+    "memoised": lambda task: task.memoised(),
+    "turns": lambda task: next(task.turns),
+    "counted": lambda task: task.counted(),
+}
+
+
+@pytest.mark.parametrize("kind", _ANGLES)
+def test_a_task_that_remembers_between_starts_is_played_in_rows(kind: str) -> None:
+    class Task(_Starting):
+        def initialize_episode(self, physics: Any) -> None:
+            physics.named.data.qpos["hinge"] = _ANGLES[kind](self)
+
+    batch = batch_of(lambda seed: odd.environment(Task, seed), 3, seed=0)
+    assert "another state once it has begun other rows" in str(batch.why_rows)
+    found = batch.reset().observation["position"].ravel()
+    singles = [odd.environment(Task, row).reset() for row in range(3)]
+    assert found.tolist() == [one.observation["position"][0] for one in singles]
+
+
+def test_what_a_physics_caches_belongs_to_its_row() -> None:
+    class Physics(odd.mujoco.Physics):
+        @functools.cached_property
+        def first(self) -> float:
+            return float(self.data.qpos[0])
+
+    class Task(odd.Pole):
+        def initialize_episode(self, physics: Any) -> None:
+            super().initialize_episode(physics)
+            physics.named.data.qvel["hinge"] = physics.first
+
+    batch = batch_of(lambda seed: odd.environment(Task, seed, physics=Physics), 3, seed=0)
+    assert isinstance(batch, RowsEnvironment)

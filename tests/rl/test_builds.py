@@ -257,3 +257,14 @@ def test_a_setting_that_the_task_changes_in_place_is_put_back_as_it_was_set() ->
     seeded.begin(2)
     environment = seeded.environment
     assert environment.mark == [1]
+
+
+def _unknown(seed: int) -> Any:
+    env = odd.environment(odd.LastAction, seed)
+    env.task.scale = float("nan")
+    return env
+
+
+def test_a_setting_that_is_nan_equals_itself() -> None:
+    assert builds.is_reproducible(Build.of(_unknown), 0)
+    assert builds.is_stable(Build.of(_unknown), 0)

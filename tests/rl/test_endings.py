@@ -58,7 +58,8 @@ def test_arrays_of_a_step_are_its_own() -> None:
     for array in (first.reward, first.discount, first.step_type):
         array[...] = 0
     assert given.tolist() == [0.1, 0.2, 0.3]
-    assert _count(counter) == ([_MID] * 3, [0.5] * 3, [1.0] * 3, [False] * 3)
+    again = _count(counter, reward=np.full(3, 0.5))
+    assert again == ([_MID] * 3, [0.5] * 3, [1.0] * 3, [False] * 3)
 
 
 def test_a_row_whose_episode_begins_has_reward_0_and_counts_from_0() -> None:
@@ -201,3 +202,14 @@ def test_repeated_steps_are_summed_and_show_the_last_one_that_counts_for_a_row()
     assert observation["angle"].ravel().tolist() == [4, 2, 6]
     assert np.asarray(total.terms["term"]).tolist() == [0.1 + 0.5, 0.2, 0.3]
     assert total.last_terms["term"].tolist() == [0.5, 0.2, 0.3]  # not of the step that diverged
+
+
+@pytest.mark.parametrize("hook", ["reward", "termination"])
+def test_one_number_for_all_rows_is_refused_after_one_for_each(hook: str) -> None:
+    counter = Counter(3, 10, "Falls")
+    _count(counter, reward=np.zeros(3))
+    with pytest.raises(ValueError, match=rf"get_{hook} of task Falls returned 0\.0 for all 3 rows"):
+        _count(counter, **{hook: 0.0})
+    alone = Counter(1, 10)
+    _count(alone, reward=np.zeros(1))
+    _count(alone, **{hook: 0.0})

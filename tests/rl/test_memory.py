@@ -219,3 +219,59 @@ def test_a_task_of_the_suite_with_a_function_of_a_user_is_not_the_suites(
     assert memory.is_of_the_suite(env.task, env.physics)
     env.task.after_step = remembering
     assert not memory.is_of_the_suite(env.task, env.physics)
+
+
+class _Holding(odd.Pole):
+    """Keeps its simulation, a method of it and its stream under other names."""
+
+    def __init__(self, physics: Any, random: Any = None) -> None:
+        super().__init__(random=random)
+        self.physics, self.speed, self.stream = physics, physics.velocity, self._random
+
+    def get_reward(self, physics: Any) -> Any:
+        return float(self.speed()[0] + self.physics.position()[0])
+
+
+def _holding(seed: int) -> Any:
+    env = odd.environment(odd.Pole, seed)
+    env._task = _Holding(env.physics, random=seed)
+    return env
+
+
+@pytest.mark.parametrize("is_pickled", [False, True])
+def test_what_a_task_keeps_of_its_environment_is_that_of_the_one_that_is_restored(
+    is_pickled: bool,
+) -> None:
+    one, other = _holding(0), _holding(1)
+    one.reset(), other.reset(), one.step([1.0])
+    snapshot = one.snapshot()
+    other.restore(pickle.loads(pickle.dumps(snapshot)) if is_pickled else snapshot)
+    for _ in range(3):
+        assert one.step([1.0]).reward == other.step([1.0]).reward
+    assert other.task.physics is other.physics
+    assert other.task.stream is other.task.random
+    assert one.task.physics is one.physics
+
+
+class _Visiting(odd.Pole):
+    @functools.cached_property
+    def visited(self) -> list[int]:
+        return []
+
+    @functools.cached_property
+    def hinge(self) -> Any:
+        return self.data.qpos
+
+    def initialize_episode(self, physics: Any) -> None:
+        self.data = physics.data
+        self.visited.append(1)
+        self.hinge[0] = 0.1 * len(self.visited)
+
+
+def test_what_cached_properties_keep_is_remembered_unless_it_shows_the_simulation() -> None:
+    env = odd.environment(_Visiting, 0)
+    env.reset()
+    snapshot = env.snapshot()
+    starts = [env.reset().observation["position"][0] for _ in range(3)]
+    env.restore(snapshot)
+    assert [env.reset().observation["position"][0] for _ in range(3)] == starts

@@ -33,6 +33,7 @@ from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.batch_contract import Batch, RowNumbers
 from limberjack.rl.batch_errors import NotVectorised
 from limberjack.rl.batch_safety import (
+    check_apart,
     check_batch_safe,
     check_episode_fields,
     check_plain,
@@ -96,6 +97,8 @@ class BatchEnvironment(Batch):
         repeat = env._ours.action_repeat if action_repeat is None else action_repeat
         super().__init__(num_envs, seed, on_divergence, repeat, stagger)
         proved = is_proved(env.task, env.physics, env._ours.randomizer)
+        if not proved:
+            check_apart(env.task, env.physics, env)
         self._task = task = _task_of(env, proved)
         self.name = env._ours.name or type(task).__name__
         self._n_sub_steps, self._flat_observation = env._n_sub_steps, env._flat_observation

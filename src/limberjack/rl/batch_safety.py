@@ -22,6 +22,7 @@ happens, if at all.
 
 import contextlib
 import copy
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -45,6 +46,7 @@ from limberjack.rl.episode_values import declared, keep_own, values_of
 from limberjack.rl.late_changes import LateChanges
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
+from limberjack.rl.references import ATOMS, attributes_of, is_live, reachable, reaches
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.shared_streams import fingerprint, put_back_after
 from limberjack.rl.streams import set_stream_fields
@@ -52,7 +54,7 @@ from limberjack.rl.watch import MEASUREMENT, Watch, measurements_of
 from limberjack.utils import arrays
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["check_batch_safe", "check_episode_fields", "check_plain", "is_proved"]
+__all__ = ["check_apart", "check_batch_safe", "check_episode_fields", "check_plain", "is_proved"]
 
 _MAX_ROWS = 4  # number of starts that covers the kinds of starts of most tasks
 _MIN_ROWS = 2  # with one row, wrong slices and norms cannot be distinguished from correct ones
@@ -61,6 +63,9 @@ _MORE_STEPS = 4  # before the last comparison
 _LOOKS = 1 + _STEPS + 1  # comparisons: at the start, after each step, and once more later
 _BEGINS_AGAIN, _LEFT_OUT = 1, 2  # rows, in the steps before the last comparison
 _SECOND_START = 100  # seed of the second episode of the row that begins again
+_DECLARE = (
+    "keep it in numbers or arrays that EPISODE_ATTRIBUTES declares, so that each row has its own"
+)
 _LARGE = 1_000_000  # bytes; larger fields are compared once, not after each start
 
 # State components that a task sets, or that depend on those; the controls first, since they cause
@@ -91,6 +96,24 @@ def check_plain(env: object) -> None:
             f"this {type(env).__name__} is not a plain control.Environment: {why}, which a "
             "vectorised batch would ignore: put it into the task, whose hooks see all rows"
         )
+
+
+def check_apart(task: Task, physics: SimulatedPhysics, env: object) -> None:
+    """Checks that a task does not keep its environment, or the simulation of it.
+
+    Raises:
+      NotVectorised: it does: a batch would read that one in the place of the rows'.
+    """
+    own = [env, physics, physics.data, physics.model, *vars(physics).values()]
+    targets = {id(one) for one in own if not isinstance(one, ATOMS) and type(one) is not tuple}
+    for name, value in attributes_of(task).items():
+        is_view = any(is_live(part) for _, part in reachable(value))
+        if is_view or reaches(value, targets):
+            raise NotVectorised(
+                f"task {type(task).__name__} keeps the simulation of its environment in "
+                f"self.{name}, and the rows of a batch have others: use the physics that each hook "
+                "gets"
+            )
 
 
 def is_proved(task: Task, physics: SimulatedPhysics, randomizer: Randomizer | None) -> bool:
@@ -156,6 +179,7 @@ def check_batch_safe(
             for row in range(num_rows)
         ]
         trial.check_large_fields()
+        trial.check_starts(randomizer)
         looks_again = all(len(records) == _LOOKS for records in alone)
         together = trial.play_together(actions, n_sub_steps, alone[0], looks_again)
         # Not within the generator: the context would last as long as an error that holds it.
@@ -208,6 +232,7 @@ class _Trial:
         """
         rows = self._rows
         alone = _copied(self._task)
+        _forget_cached(rows.single)
         one, values = self._begin(alone, row, row, randomizer)
         self._starts[row] = values_of(alone)
         try:
@@ -230,6 +255,24 @@ class _Trial:
             yield _copies(self._seen(alone, one, is_step=True))
         except PhysicsError:
             return
+
+    def check_starts(self, randomizer: Randomizer | None) -> None:
+        """Raises NotVectorised if rows start otherwise where one task begins all, as in a batch."""
+        rows, shared = self._rows, _copied(self._task)
+        for row in range(self._num_rows):
+            for name, value in copy.deepcopy(self._first).items():
+                setattr(shared, name, value)
+            expected = rows.start_of(row)
+            self._begin(shared, row, row, randomizer)
+            found = rows.start_of(row)
+            rows.set_start(row, expected)
+            for name, values in expected.items():
+                if not np.array_equal(values, found[name], equal_nan=True):
+                    raise NotVectorised(
+                        f"task {self._name} starts a row with another {name} once it has begun "
+                        "other rows, so it remembers something between starts, such as a cached "
+                        f"property or an iterator: {_DECLARE}"
+                    )
 
     def _begin(
         self, task: Task, row: int, seed: int, randomizer: Randomizer | None
@@ -516,6 +559,15 @@ def _check_returned(task: str, seen: Mapping[str, object]) -> None:
                 f"{name} of task {task} returned an array of shape {array.shape} in a single "
                 "simulation; expected one number"
             )
+
+
+def _forget_cached(physics: object) -> None:
+    """Removes what cached properties of a user's class of physics have kept."""
+    for cls in type(physics).__mro__:
+        if not cls.__module__.startswith("limberjack."):
+            for name, value in vars(cls).items():
+                if isinstance(value, functools.cached_property):
+                    vars(physics).pop(name, None)
 
 
 def _copied(task: Task) -> Task:

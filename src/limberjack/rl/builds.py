@@ -438,11 +438,18 @@ def _settings(env: dm_env.Environment) -> object:
     task = env.task
     comparable = (bool, int, float, str, bytes, type(None), tuple, np.ndarray)
     attributes = {
-        name: value.tobytes() if isinstance(value, np.ndarray) else value
+        name: _comparable(value)
         for name, value in attributes_of(task).items()
         if isinstance(value, comparable)
     }
     return type(task), env._step_limit, env.control_timestep(), attributes, numbers_of(env)
+
+
+def _comparable(value: object) -> object:
+    """A value that is equal to another one of the same bits, also if it is NaN."""
+    if isinstance(value, np.ndarray):
+        return value.tobytes()
+    return value.hex() if isinstance(value, float) else value
 
 
 def numbers_of(env: Environment) -> object:

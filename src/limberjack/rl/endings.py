@@ -35,6 +35,7 @@ class Counter:
         self.steps = np.zeros(num_envs, int)
         self.step_limit = step_limit
         self.limits: np.ndarray | None = None
+        self._are_single: dict[str, bool] = {}  # whether a hook returned one number at first
         self._all_mid, self._all_one = np.full(num_envs, _MID), np.ones(num_envs)
 
     @property
@@ -80,7 +81,9 @@ class Counter:
             last &= ~begins
             reward[begins] = 0.0
             step_type[begins] = _FIRST
-        if termination is not None:
+        if termination is None:
+            self._are_single.setdefault("get_termination", False)
+        else:
             termination = self._numbers("get_termination", termination)
             ends = ~np.isnan(termination) & ~last
             if begins is not None:
@@ -100,7 +103,8 @@ class Counter:
 
         Raises:
           TypeError: it is not made of numbers.
-          ValueError: it has another shape than () or (num_envs,).
+          ValueError: it has another shape than () or (num_envs,), or is one number for all rows
+            where it was not before, as from `if (heights < 1).any(): return 0.0`.
         """
         try:
             if given is None:  # of which NumPy makes NaN
@@ -112,11 +116,18 @@ class Counter:
                 f"{len(self.steps)} rows"
             ) from error
         if numbers.shape == self.steps.shape:
+            self._are_single.setdefault(hook, False)
             return numbers
         if numbers.shape != ():
             raise ValueError(
                 f"{hook} of task {self._task} returned an array of shape {numbers.shape}; expected "
                 f"{self.steps.shape}, one number for each row"
+            )
+        if not self._are_single.setdefault(hook, True) and len(self.steps) > 1:
+            raise ValueError(
+                f"{hook} of task {self._task} returned {given!r} for all {len(self.steps)} rows, "
+                "which it did not before: decide for each row, as with np.where, or take "
+                "vectorised=False"
             )
         return np.full(self.steps.shape, numbers)
 

@@ -11,6 +11,7 @@ attributes, and a reset with a seed puts them back. The task's random stream is 
 
 import contextlib
 import copy
+import dataclasses
 import functools
 import types
 import weakref
@@ -19,7 +20,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from limberjack.rl.references import Assigned, attributes_of, is_live, kept_by, reachable, reaches
+from limberjack.rl.references import (
+    ATOMS,
+    Assigned,
+    attributes_of,
+    cached_of,
+    is_live,
+    kept_by,
+    reachable,
+    reaches,
+)
 
 __all__ = [
     "Memory",
@@ -53,7 +63,8 @@ def remembered(task: object, physics: object) -> Memory:
     """Deep copies of the attributes of a task and its physics, except for the task's stream.
 
     They are copied together, so that shared objects stay shared. References to the task and the
-    physics themselves stay references. Empty for the suite's own tasks.
+    physics themselves become those of the environment that gets them. Empty for the suite's own
+    tasks.
 
     Raises:
       TypeError: an attribute cannot be copied, or a copy would not be complete; the message names
@@ -87,21 +98,27 @@ def _check_complete(
     own = _ids_of(task, physics)
     for owner, attributes in kept.items():
         for name, value in attributes.items():
-            if id(value) in own:
-                continue
-            for _, part in reachable(value):
-                is_view = is_live(part) or part is getattr(physics, "model", None)
-                why = "shows the memory of the simulation" if is_view else None
-                if isinstance(part, weakref.ref):
-                    why = "is a weak reference"
-                if (keeping := kept_by(part, own)) is not None:
-                    why = f"is a function that keeps {keeping}"
-                if why is not None:
-                    cls = type(task if owner == "task" else physics).__name__
-                    raise TypeError(
-                        f"attribute {name!r} of {owner} {cls} {why}, which a copy would not: keep "
-                        "it in an attribute of the task, so that copies and snapshots contain it"
-                    )
+            why = _why_incomplete(value, own, physics)
+            if why is not None:
+                cls = type(task if owner == "task" else physics).__name__
+                raise TypeError(
+                    f"attribute {name!r} of {owner} {cls} {why}, which a copy would not: keep "
+                    "it in an attribute of the task, so that copies and snapshots contain it"
+                )
+
+
+def _why_incomplete(value: object, own: set[int], physics: object) -> str | None:
+    """What a copy of a value would share or lose, in words; None for nothing."""
+    if id(value) in own:
+        return None
+    for _, part in reachable(value):
+        if (keeping := kept_by(part, own)) is not None:
+            return f"is a function that keeps {keeping}"
+        if isinstance(part, weakref.ref):
+            return "is a weak reference"
+        if is_live(part) or part is getattr(physics, "model", None):
+            return "shows the memory of the simulation"
+    return None
 
 
 def put_back(memory: Memory, task: object, physics: object) -> None:
@@ -114,7 +131,9 @@ def put_back(memory: Memory, task: object, physics: object) -> None:
     """
     if not memory:
         return
-    memory = copy.deepcopy(dict(memory), _memo(task, physics))
+    parts = _parts_of(task, physics)
+    memo = {id(one): parts.get(name) for name, one in _OWN.items()}
+    memory = copy.deepcopy(dict(memory), memo)
     for key, owner in (("task", task), ("physics", physics)):
         attributes = memory.get(key, {})
         for name in _kept(task, physics)[key]:
@@ -174,9 +193,12 @@ def _kept(task: object, physics: object) -> dict[str, dict[str, object]]:
 
     Functions that use their owners stay with them.
     """
-    of_task = {n: v for n, v in attributes_of(task).items() if not _is_stream(n, v)}
-    kept = {"task": of_task, "physics": _of_physics(physics)}
     own = _ids_of(task, physics)
+    of_task = {n: v for n, v in attributes_of(task).items() if not _is_stream(n, v)}
+    # A cached property that shows the simulation is computed again.
+    cached = cached_of(task).items()
+    of_task |= {n: v for n, v in cached if _why_incomplete(v, own, physics) is None}
+    kept = {"task": of_task, "physics": _of_physics(physics)}
     return {
         owner: {name: one for name, one in attributes.items() if not _uses(one, own)}
         for owner, attributes in kept.items()
@@ -207,13 +229,55 @@ def _is_stream(name: str, value: object) -> bool:
     return name in _STREAMS and isinstance(value, np.random.RandomState)
 
 
+class _Own:
+    """Stands for a part of an environment, in what is remembered of it."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _own, (self.name,)
+
+    def __getattr__(self, name: str) -> "_OwnMethod":
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return _OwnMethod(self, name)  # a pickled method, as Python looks it up
+
+
+@dataclasses.dataclass(frozen=True)
+class _OwnMethod:
+    """Stands for a method of a part."""
+
+    owner: _Own
+    name: str
+
+    def __deepcopy__(self, memo: dict[int, object]) -> object:
+        return getattr(copy.deepcopy(self.owner, memo), self.name)
+
+
+_OWN: dict[str, _Own] = {}  # by name
+
+
+def _own(name: str) -> _Own:
+    """The only one of this name."""
+    return _OWN.setdefault(name, _Own(name))
+
+
+def _parts_of(task: object, physics: object) -> dict[str, object]:
+    """The task, its stream, its physics and the parts of that, by name."""
+    added = _of_physics(physics)
+    inside = getattr(physics, "__dict__", {})
+    parts = {f"physics.{name}": one for name, one in inside.items() if name not in added}
+    parts |= {"task": task, "physics": physics, "stream": getattr(task, "_random", None)}
+    is_part = {
+        name: not isinstance(one, ATOMS) and type(one) is not tuple for name, one in parts.items()
+    }
+    return {name: one for name, one in parts.items() if is_part[name]}
+
+
 def _memo(task: object, physics: object) -> dict[int, object]:
-    """A memo for `copy.deepcopy` in which the task, its stream and its physics stay themselves."""
-    stream = getattr(task, "_random", None)
-    stay = [task, physics, stream, *(getattr(physics, "__dict__", {}).values())]
-    own = {id(value) for value in _of_physics(physics).values()}
-    memo: dict[int, object] = {id(one): one for one in stay if id(one) not in own}
-    return memo
+    """A memo for `copy.deepcopy`, in which others stand for the parts of an environment."""
+    return {id(one): _own(name) for name, one in _parts_of(task, physics).items()}
 
 
 def _is_unchanged(owner: object) -> bool:

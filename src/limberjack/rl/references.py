@@ -26,6 +26,7 @@ __all__ = [
     "STREAMS",
     "Assigned",
     "attributes_of",
+    "cached_of",
     "cells_of",
     "is_live",
     "kept_by",
@@ -81,6 +82,12 @@ def attributes_of(owner: object) -> dict[str, object]:
     found = {name: value for name, value in own.items() if name not in cached}
     found |= {name: getattr(owner, name) for name in slots if hasattr(owner, name)}
     return found
+
+
+def cached_of(owner: object) -> dict[str, object]:
+    """The values that cached properties of an object have kept, by name."""
+    cached, _ = _declared_by(type(owner))
+    return {name: one for name, one in vars(owner).items() if name in cached}
 
 
 @functools.lru_cache(maxsize=256)
