@@ -209,7 +209,7 @@ def test_one_number_for_all_rows_is_refused_after_one_for_each(hook: str) -> Non
     counter = Counter(3, 10, "Falls")
     _count(counter, reward=np.zeros(3))
     with pytest.raises(ValueError, match=rf"get_{hook} of task Falls returned 0\.0 for all 3 rows"):
-        _count(counter, **{hook: 0.0})
+        _count(counter, **{"reward": np.zeros(3), hook: 0.0})
     alone = Counter(1, 10)
     _count(alone, reward=np.zeros(1))
     _count(alone, **{hook: 0.0})
