@@ -20,7 +20,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("len(self._changed()) > 0", "False"),
         ("one.set_state(state, STATE)\n", "pass\n"),
         ("                one.set_fields(fields)\n", "                pass\n"),
-        ("if simulation.num_calls != self._calls:", "if False:"),
+        ("if self._is_watching and simulation.num_calls != self._calls:", "if False:"),
         ("changed = np.intersect1d(changed, rows)", "changed = rows"),
         ("is_split and not is_idle", "not is_idle"),
         ("            self._has_warned = True\n", ""),
@@ -259,6 +259,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("self._streams.replace(row, stream, seeds[i])", "self._streams.own[row] = stream"),
     ],
     "rl/endings.py": [
+        (
+            '            self._are_single.setdefault("get_termination", False)\n',
+            "            pass\n",
+        ),
+        ("            self._are_single.setdefault(hook, False)\n", "            pass\n"),
+        (", True) and len(self.steps) > 1:", ", True):"),
         ("            reward[begins] = 0.0\n", ""),
         ("            self.steps[begins] = 0\n", ""),
         ("            last &= ~begins\n", ""),
@@ -346,7 +352,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "rl/memory.py": [
         ("        for name in _kept(task, physics)[key]:\n", "        for name in ():\n"),
-        ("    memory = copy.deepcopy(dict(memory), _memo(task, physics))\n", ""),
+        ("    memory = copy.deepcopy(dict(memory), memo)\n", ""),
+        ("{id(one): parts.get(name) for name, one in _OWN.items()}", "{}"),
+        ("    of_task |= {n: v for n, v in cached if", "    _ = {n: v for n, v in cached if"),
+        ("        return _OwnMethod(self, name)  # a", "        raise AttributeError(name)  # a"),
         ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),
     ],
     "rl/watch.py": [
@@ -379,6 +388,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("int(position), int(_OWN)]", "int(position)]"),
     ],
     "rl/batch_safety.py": [
+        ("        if is_view or reaches(value, targets):\n", "        if is_view:\n"),
+        (
+            "        if is_view or reaches(value, targets):\n",
+            "        if reaches(value, targets):\n",
+        ),
+        ("        trial.check_starts(randomizer)\n", ""),
+        ("        _forget_cached(rows.single)\n", ""),
         (
             "            self._step(task, batch, action, n_sub_steps)\n            yield",
             "            self._step(task, batch, action, n_sub_steps)\n"

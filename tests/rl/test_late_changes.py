@@ -1,6 +1,7 @@
 """Hooks of a step that set state or model: equal to single environments, or refused in time."""
 
 import copy
+import functools
 import logging
 from typing import Any
 
@@ -12,7 +13,10 @@ from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batch_errors import NotVectorised
+from limberjack.rl.batches import batch_of
 from limberjack.suite import common, walker
+
+from . import odd_environments as odd
 
 _LATE = 0.2  # seconds; after the check at creation
 _STEPS = 24  # of 25 ms
@@ -234,3 +238,29 @@ def test_where_time_steps_are_whole_nothing_is_late() -> None:
     batch = rl.batch_of(make, 3, seed=0)
     assert batch.why_rows is None
     _compared(batch, make)
+
+
+class _Heavier(odd.Pole):
+    """Gets heavier in an episode, and says so to MuJoCo."""
+
+    EPISODE_FIELDS = ("body_mass",)
+
+    def after_step(self, physics: Any) -> None:
+        physics.model.body_mass[..., 1] = 1 + physics.data.time
+        physics.forward()
+
+
+def test_rows_that_begin_while_others_run_leave_what_was_computed_for_those() -> None:
+    build = functools.partial(odd.of_task, _Heavier)
+    batch, singles = batch_of(build, 3, seed=0), [build(row) for row in range(3)]
+    assert isinstance(batch, BatchEnvironment)
+    batch.reset()
+    for single in singles:
+        single.reset()
+    for step in range(4 * odd.STEPS):
+        found = batch.step(np.ones((3, 1))).observation["velocity"].ravel()
+        expected = [one.step(np.ones(1)).observation["velocity"][0] for one in singles]
+        assert found.tolist() == expected
+        if step % 4 == 1:
+            batch.reset([step % 3])
+            singles[step % 3].reset()

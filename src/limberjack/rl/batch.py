@@ -297,6 +297,7 @@ class BatchEnvironment(Batch):
             physics = self._replicas.physics
             with self._memory.during("after_step", physics, stepped):
                 self._task.after_step(physics)
+            self._late.take_forward()  # before rows begin, which are computed by themselves
         return stepped
 
     def _reward(self, rows: np.ndarray | None) -> tuple[Quantity, dict[str, Quantity]]:

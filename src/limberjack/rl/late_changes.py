@@ -107,6 +107,13 @@ class LateChanges:
             for name, values in self._own.items():
                 values[rows] = simulation.own_fields[name][rows]
 
+    def take_forward(self) -> None:
+        """Notes a `physics.forward()` of a hook, from what it had set by then."""
+        simulation = self._replicas.simulation
+        if self._is_watching and simulation.num_calls != self._calls:
+            self.computed()
+            self._state = simulation.computed_from
+
     def begin_step(self) -> None:
         """Begins a step; what was changed between steps, but not by hooks, is left aside."""
         if not self._is_pending:
@@ -178,9 +185,7 @@ class LateChanges:
         simulation = self._replicas.simulation
         if not self._is_watching:
             return _NO_ROWS
-        if simulation.num_calls != self._calls:  # by a hook, from what it had set by then
-            self.computed()
-            self._state = simulation.computed_from
+        self.take_forward()
         pairs = [(self._state[:, at], simulation.state[:, at]) for at in self._slices.values()]
         pairs += [(values, simulation.own_fields[n][:]) for n, values in self._own.items()]
         if all(old.tobytes() == new.tobytes() for old, new in pairs):
