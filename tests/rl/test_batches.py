@@ -169,7 +169,7 @@ class _Holding(odd.Pole):
         self.kept = kept
 
     def get_reward(self, physics: Any) -> Any:
-        kept = self.kept() if callable(self.kept) else self.kept
+        kept: Any = self.kept() if callable(self.kept) else self.kept
         return float(np.sum(kept if isinstance(kept, np.ndarray) else kept.position()))
 
 
