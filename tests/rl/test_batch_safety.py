@@ -589,7 +589,8 @@ def test_the_task_is_left_as_it_was() -> None:
     task = _with(initialize_episode=initialize_episode)
     before = {**vars(task)}
     batch = _batch(task)
-    assert len(counted) == 4  # of copies: three rows, of which one begins twice
+    # Of copies: three rows, of which one begins twice, and all three with one task.
+    assert len(counted) == 7
     assert vars(task) == before
     assert batch.begins.all()
 

@@ -97,8 +97,6 @@ class BatchEnvironment(Batch):
         repeat = env._ours.action_repeat if action_repeat is None else action_repeat
         super().__init__(num_envs, seed, on_divergence, repeat, stagger)
         proved = is_proved(env.task, env.physics, env._ours.randomizer)
-        if not proved:
-            check_apart(env.task, env.physics, env)
         self._task = task = _task_of(env, proved)
         self.name = env._ours.name or type(task).__name__
         self._n_sub_steps, self._flat_observation = env._n_sub_steps, env._flat_observation
@@ -664,10 +662,11 @@ def _task_of(env: control.Environment, proved: bool) -> Task:
     """The task of all rows, as before its first episode; a copy without a copy of the physics.
 
     Raises:
-      NotVectorised: it cannot be copied.
+      NotVectorised: it cannot be copied, or keeps the simulation.
     """
     memo: dict[int, object] = {id(env): env, id(env.physics): env.physics}
     if not proved:
+        check_apart(env.task, env.physics, env)
         try:
             check_copies(env, is_vectorised=True)
         except TypeError as error:

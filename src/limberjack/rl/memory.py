@@ -108,7 +108,7 @@ def _check_complete(
 
 
 def _why_incomplete(value: object, own: set[int], physics: object) -> str | None:
-    """What a copy of a value would share or lose, in words; None for nothing."""
+    """The reason why a copy of a value would share or lose something; None without one."""
     if id(value) in own:
         return None
     for _, part in reachable(value):
