@@ -353,7 +353,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/memory.py": [
         ("        for name in _kept(task, physics)[key]:\n", "        for name in ():\n"),
         ("    memory = copy.deepcopy(dict(memory), memo)\n", ""),
-        ("{id(one): parts.get(name) for name, one in _OWN.items()}", "{}"),
+        ("parts.get(name) or getattr(physics, name", "getattr(physics, name"),
+        (' or getattr(physics, name.rpartition(".")[2], None)', ""),
         ("    of_task |= {n: v for n, v in cached if", "    _ = {n: v for n, v in cached if"),
         ("        return _OwnMethod(self, name)  # a", "        raise AttributeError(name)  # a"),
         ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),

@@ -227,6 +227,7 @@ class _Holding(odd.Pole):
     def __init__(self, physics: Any, random: Any = None) -> None:
         super().__init__(random=random)
         self.physics, self.speed, self.stream = physics, physics.velocity, self._random
+        self.named = physics.named
 
     def get_reward(self, physics: Any) -> Any:
         return float(self.speed()[0] + self.physics.position()[0])
@@ -243,6 +244,7 @@ def test_what_a_task_keeps_of_its_environment_is_that_of_the_one_that_is_restore
     is_pickled: bool,
 ) -> None:
     one, other = _holding(0), _holding(1)
+    del other.physics.named, other.task.named  # as before their first use
     one.reset(), other.reset(), one.step([1.0])
     snapshot = one.snapshot()
     other.restore(pickle.loads(pickle.dumps(snapshot)) if is_pickled else snapshot)
@@ -250,6 +252,7 @@ def test_what_a_task_keeps_of_its_environment_is_that_of_the_one_that_is_restore
         assert one.step([1.0]).reward == other.step([1.0]).reward
     assert other.task.physics is other.physics
     assert other.task.stream is other.task.random
+    assert other.task.named is other.physics.named
     assert one.task.physics is one.physics
 
 

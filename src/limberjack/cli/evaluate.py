@@ -272,7 +272,7 @@ def _done(progress: Units, out: Path | None) -> str:
     """The number of episodes that finished, and how to continue."""
     if progress.finished is None:
         return "no episode was played; finished ones of earlier calls stay where they are"
-    done = f"{progress.finished or 0} of {progress.episodes} episodes finished"
+    done = f"{progress.finished} of {progress.episodes} episodes finished"
     if out is None:
         return f"{done}; with --out they would have been kept"
     return f"{done}, and are kept in {out}: the same command continues from there"

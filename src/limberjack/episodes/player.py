@@ -102,6 +102,7 @@ class Player:
         except BaseException:
             self.environment.close()
             raise
+        self._build = self.factory.build(self.environment)  # which remembers what it compared
         limit = step_limit_of(self.environment)
         assert limit is not None  # see `checked_environment`
         self.step_limit = limit
@@ -156,8 +157,7 @@ class Player:
             "on_step": on_step,
         }
         assert self._starts is not None, "workers play"
-        build = self.factory.build(self.environment)
-        return _played(build, self._starts, self.actor, seeds, kept, **how)
+        return _played(self._build, self._starts, self.actor, seeds, kept, **how)
 
     def results(
         self,

@@ -41,7 +41,7 @@ from limberjack.rl.contract import (
     check_ending,
 )
 from limberjack.rl.copies import difference
-from limberjack.rl.episode_attributes import EpisodeAttributes, advice
+from limberjack.rl.episode_attributes import KEEP_IT, EpisodeAttributes, advice
 from limberjack.rl.episode_values import declared, keep_own, values_of
 from limberjack.rl.late_changes import LateChanges
 from limberjack.rl.memory import is_of_the_suite
@@ -63,9 +63,6 @@ _MORE_STEPS = 4  # before the last comparison
 _LOOKS = 1 + _STEPS + 1  # comparisons: at the start, after each step, and once more later
 _BEGINS_AGAIN, _LEFT_OUT = 1, 2  # rows, in the steps before the last comparison
 _SECOND_START = 100  # seed of the second episode of the row that begins again
-_DECLARE = (
-    "keep it in numbers or arrays that EPISODE_ATTRIBUTES declares, so that each row has its own"
-)
 _LARGE = 1_000_000  # bytes; larger fields are compared once, not after each start
 
 # State components that a task sets, or that depend on those; the controls first, since they cause
@@ -274,7 +271,7 @@ class _Trial:
                     raise NotVectorised(
                         f"task {self._name} starts a row with another {name} once it has begun "
                         "other rows, so it remembers something between starts, such as a cached "
-                        f"property or an iterator: {_DECLARE}"
+                        f"property or an iterator: {KEEP_IT}"
                     )
 
     def _begin(

@@ -70,7 +70,8 @@ class Build:
         self.name = name
         self.original = original
         self.seeds: tuple[int, ...] = ()  # see `for_seeds`
-        self._are_stable: dict[int, bool] = {}  # by seed
+        # By seed, and the seeds that it is for.
+        self._are_stable: dict[tuple[int, tuple[int, ...]], bool] = {}
 
     @classmethod
     def of(cls, given: object) -> "Build":
@@ -138,7 +139,7 @@ class Build:
     def for_seeds(self, seeds: Iterable[int]) -> "Build":
         """The same, of which `is_stable` compares the environments of these seeds as well."""
         other = copy.copy(self)
-        other.seeds, other._are_stable = tuple(seeds), {}
+        other.seeds = tuple(seeds)
         return other
 
     def seeded(
@@ -341,9 +342,10 @@ def is_stable(build: Build, seed: int) -> bool:
     """
     if build.copies:
         return True
-    if seed not in build._are_stable:
-        build._are_stable[seed] = _is_stable(build, seed)
-    return build._are_stable[seed]
+    key = seed, build.seeds
+    if key not in build._are_stable:
+        build._are_stable[key] = _is_stable(build, seed)
+    return build._are_stable[key]
 
 
 def _is_stable(build: Build, seed: int) -> bool:

@@ -30,9 +30,14 @@ from limberjack.rl.references import attributes_of
 from limberjack.rl.watch import QuickWatch
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["EpisodeAttributes", "advice", "check_declared"]
+__all__ = ["KEEP_IT", "EpisodeAttributes", "advice", "check_declared"]
 
 _FORM = "numbers and arrays of numbers whose shape and dtype never change"
+# Advice for a task that remembers something else.
+KEEP_IT = (
+    f"keep it in {_FORM}, such as a ring array for the last few, and declare them in {NAME}, so "
+    "that each row has its own"
+)
 _KINDS = "fiub"  # kinds of dtypes that an attribute may have
 _STREAM = "_random"  # of a task, which a batch replaces by each row's
 _NOTHING = contextlib.nullcontext()
@@ -69,10 +74,7 @@ def advice(task: object, names: Sequence[str]) -> str:
     if all(_is_number_or_array(value) for value in values):
         whole = tuple(sorted({*declared(task), *names}))
         return f"declare {NAME} = {whole}, with {_FORM}, and each row has its own"
-    return (
-        f"keep it in {_FORM}, such as a ring array for the last few, and declare them in {NAME}, "
-        "so that each row has its own"
-    )
+    return KEEP_IT
 
 
 class EpisodeAttributes:

@@ -132,7 +132,11 @@ def put_back(memory: Memory, task: object, physics: object) -> None:
     if not memory:
         return
     parts = _parts_of(task, physics)
-    memo = {id(one): parts.get(name) for name, one in _OWN.items()}
+    memo = {
+        # A physics makes some parts, such as `named`, on their first use.
+        id(one): parts.get(name) or getattr(physics, name.rpartition(".")[2], None)
+        for name, one in _OWN.items()
+    }
     memory = copy.deepcopy(dict(memory), memo)
     for key, owner in (("task", task), ("physics", physics)):
         attributes = memory.get(key, {})
