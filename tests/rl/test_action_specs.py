@@ -223,3 +223,21 @@ def test_ragged_actions_are_refused() -> None:
     with pytest.raises(ValueError, match="expected an array of numbers"):
         as_numbers([[1, 2, 3], [4]])
     assert as_numbers([[1, 2], [3, 4]]).shape == (2, 2)
+
+
+class _Delayed(humanoid.Humanoid):
+    """Actions wait in a queue for a few steps."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        super().initialize_episode(physics)
+        self.queue = [np.zeros(physics.model.nu) for _ in range(3)]
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        self.queue.append(np.array(action))
+        super().before_step(self.queue.pop(0), physics)
+
+
+def test_actions_may_reach_the_actuators_later() -> None:
+    env = humanoid.walk(random=0)
+    env._task = _Delayed(move_speed=1, pure_state=False, random=0)
+    assert bounded_spec(env.task, env.physics).shape == (21,)

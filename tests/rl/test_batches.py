@@ -255,3 +255,61 @@ def test_what_a_physics_caches_belongs_to_its_row() -> None:
 
     batch = batch_of(lambda seed: odd.environment(Task, seed, physics=Physics), 3, seed=0)
     assert isinstance(batch, RowsEnvironment)
+
+
+class _Sometimes(odd.Pole):
+    """Sets a declared field of the model in about half of its starts."""
+
+    EPISODE_FIELDS = ("dof_damping",)
+
+    def initialize_episode(self, physics: Any) -> None:
+        super().initialize_episode(physics)
+        if self.random.uniform() < 0.5:
+            physics.named.model.dof_damping["hinge"] = 3.0
+
+
+@pytest.mark.parametrize("vectorised", [True, False])
+def test_a_seed_begins_with_the_fields_of_a_new_environment(vectorised: bool) -> None:
+    build = functools.partial(odd.environment, _Sometimes)
+    played = build(0)
+    for seed in range(4):  # until one of them has set the field
+        played.reseed(seed)
+        played.reset()
+    seeds = range(4, 12)
+    found = []
+    batch = batch_of(played, 2, seed=0, vectorised=vectorised)
+    for first in seeds[::2]:
+        batch.reset(seeds=[first, first + 1])
+        found += batch.step(np.ones((2, 1))).observation["position"].ravel().tolist()
+    expected, dampings = [], set()
+    for seed in seeds:
+        single = build(seed)
+        single.reset()
+        dampings.add(single.physics.model.dof_damping[0])
+        expected += single.step(np.ones(1)).observation["position"].tolist()
+    assert len(dampings) == 2
+    assert found == expected
+
+
+class _Viewing(odd.Pole):
+    def get_reward(self, physics: Any) -> float:
+        return float(physics.angle[0])
+
+
+def _viewing(seed: int) -> Any:
+    env = odd.environment(_Viewing, seed)
+    env.physics.angle = env.physics.data.qpos
+    return env
+
+
+def test_a_view_that_a_physics_keeps_shows_the_rows_own_simulation() -> None:
+    batch = batch_of(_viewing, 2, seed=0)
+    assert "keeps a view of its simulation in self.angle" in str(batch.why_rows)
+    batch.reset(seeds=[4, 5])
+    single = _viewing(5)
+    single.reset()
+    snapshot = batch.snapshot()
+    expected = single.step(np.ones(1)).reward
+    assert batch.step(np.ones((2, 1))).reward[1] == expected
+    batch.restore(snapshot)
+    assert batch.step(np.ones((2, 1))).reward[1] == expected

@@ -52,3 +52,8 @@ def test_specs_have_each_arrays_shape_type_and_name_in_order() -> None:
 def test_an_observation_without_names_is_refused(returned: Any) -> None:
     with pytest.raises(TypeError, match=r"returned .*; expected a mapping from names to arrays"):
         specs_of(returned)
+
+
+def test_a_nested_observation_is_refused_by_name() -> None:
+    with pytest.raises(TypeError, match="observation 'arm' is a dict; expected an array of numbers"):
+        specs_of({"angle": np.zeros(2), "arm": {"angle": np.zeros(2)}})

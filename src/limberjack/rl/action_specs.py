@@ -11,6 +11,7 @@ shape.
 """
 
 import copy
+import functools
 import inspect
 import math
 import reprlib
@@ -36,6 +37,7 @@ __all__ = [
     "spec_of",
 ]
 
+_LONGEST_DELAY = 20  # calls after which an action that waits in a queue reaches the actuators
 _WIDEST = 1e9  # larger bounds mean 'unlimited': MuJoCo's own limit is 1e10
 
 
@@ -112,15 +114,20 @@ def _maps_actions(task: Task) -> bool:
     return first["before_step"] < first["action_spec"]
 
 
-def _problem(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:
+def _problem(spec: specs.BoundedArray, effect: Callable[[np.ndarray, int], bytes]) -> str | None:
     """The problem with actions of the spec, as part of a sentence; None if there is none."""
     low, high = bounds_to_try(spec)
     action = (0.6 * low + 0.4 * high).astype(spec.dtype)
     shape = f"an action of the inherited spec, {spec.shape},"
     try:
-        before = effect(action)
+        before = functools.cache(functools.partial(effect, action))
         for index in np.ndindex(spec.shape):
-            if all(effect(_with(action, index, bound[index])) == before for bound in (low, high)):
+            others = [_with(action, index, bound[index]) for bound in (low, high)]
+            if not any(
+                effect(other, calls) != before(calls)
+                for calls in (1, _LONGEST_DELAY)
+                for other in others
+            ):
                 return f"{shape} is not what it takes: number {list(index)} of it has no effect"
     except (AttributeError, NameError):  # a mistake of another kind, such as a misspelled name
         raise
@@ -135,8 +142,8 @@ def _with(action: np.ndarray, index: tuple[int, ...], value: object) -> np.ndarr
     return changed
 
 
-def _effect(task: Task, physics: Physics) -> Callable[[np.ndarray], bytes]:
-    """A function from an action to the state after `before_step` at an episode's start."""
+def _effect(task: Task, physics: Physics) -> Callable[[np.ndarray, int], bytes]:
+    """A function from an action to the state after calls of `before_step` at an episode's start."""
     trial = copy.deepcopy(physics)
     begun = copy.deepcopy(task)
     begun._random = np.random.RandomState(0)
@@ -145,12 +152,14 @@ def _effect(task: Task, physics: Physics) -> Callable[[np.ndarray], bytes]:
     simulation = getattr(trial, "simulation", None)
     saved = None if simulation is None else simulation.save(None, ())
 
-    def effect(action: np.ndarray) -> bytes:
+    def effect(action: np.ndarray, calls: int) -> bytes:
         if simulation is None:  # states cannot be compared, so only errors are detected
             copy.deepcopy(begun).before_step(action, copy.deepcopy(trial))
             return action.tobytes()
         simulation.load(saved)
-        copy.deepcopy(begun).before_step(action.copy(), trial)
+        stepped = copy.deepcopy(begun)
+        for _ in range(calls):
+            stepped.before_step(action.copy(), trial)
         return simulation.save(None, ())["state"].tobytes()
 
     return effect

@@ -108,6 +108,9 @@ class BatchEnvironment(Batch):
         self._frames = Frames.of(control.Environment.pixels.of(env), replicas)
         self._faults = None if env._ours.faults is None else env._ours.faults.of_rows(num_envs)
         self._looks = replicas.looks = Looks.of_rows(env._ours.looks, num_envs)
+        self._first_fields = env._first_fields()
+        if self._first_fields:  # the environment may have played
+            replicas.simulation.set_fields(self._first_fields)
         self._streams = Streams(self._seeds[0], num_envs)
         self._seeds = self._streams.seeds
         self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
@@ -177,6 +180,8 @@ class BatchEnvironment(Batch):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
                     self._memory.begin_again([row])
+                    if self._first_fields:
+                        self._replicas.simulation.set_fields(self._first_fields, row)
                     if self._faults is not None:
                         self._faults.begin_again([row])
                     self._begin_streams([row])

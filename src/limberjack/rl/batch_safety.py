@@ -96,13 +96,19 @@ def check_plain(env: object) -> None:
 
 
 def check_apart(task: Task, physics: SimulatedPhysics, env: object) -> None:
-    """Checks that a task does not keep its environment, or the simulation of it.
+    """Checks that neither a task nor a user's attribute of its physics keeps the simulation.
 
     Raises:
-      NotVectorised: it does: a batch would read that one in the place of the rows'.
+      NotVectorised: one does: a batch would read that one in the place of the rows'.
     """
     own = [env, physics, physics.data, physics.model, *vars(physics).values()]
     targets = {id(one) for one in own if not isinstance(one, ATOMS) and type(one) is not tuple}
+    for name, value in attributes_of(physics).items():
+        if any(is_live(part) for _, part in reachable(value)):
+            raise NotVectorised(
+                f"physics {type(physics).__name__} keeps a view of its simulation in self.{name}, "
+                "and the rows of a batch have others: read self.data or self.named in a method"
+            )
     for name, value in attributes_of(task).items():
         is_view = any(is_live(part) for _, part in reachable(value))
         if is_view or reaches(value, targets):

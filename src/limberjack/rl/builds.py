@@ -25,6 +25,7 @@ from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference
 from limberjack.rl.memory import Memory, put_back, remembered
+from limberjack.rl.observations import specs_of
 from limberjack.rl.references import attributes_of
 from limberjack.utils.seeds import checked_seed
 
@@ -468,6 +469,7 @@ def _start(env: dm_env.Environment) -> object:
 
 def _bytes_of(observation: object) -> dict[object, bytes]:
     named = observation if isinstance(observation, Mapping) else {"": observation}
+    _ = specs_of(named)  # the bytes of what is nested would be addresses
     return {name: np.asarray(value).tobytes() for name, value in named.items()}
 
 

@@ -17,10 +17,12 @@ It is one idea, and long: an environment begins, steps, saves and restores one e
 This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics`.
 """
 
+import contextlib
 import copy
 import dataclasses
 import math
 import numbers
+import operator
 from collections.abc import Mapping
 from threading import get_ident
 from typing import Any, Self, cast
@@ -50,7 +52,7 @@ from limberjack.rl.episode_values import NAME as EPISODE_ATTRIBUTES
 from limberjack.rl.episode_values import keep_own, values_of
 from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
-from limberjack.rl.memory import put_back, remembered, stand_in
+from limberjack.rl.memory import is_of_the_suite, put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.overridable import overridable
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
@@ -95,6 +97,7 @@ class _Additions:
       randomizer: None without randomisation.
       draws: the task's stream, and the stream derived from it that model fields are drawn from.
       first: the task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
+      first_fields: its EPISODE_FIELDS before that, by name.
       reward_terms: of the last step, by name.
       last_terms: of the last of several control steps.
       reward_so_far: of a step's control steps, also of one that diverges.
@@ -113,6 +116,7 @@ class _Additions:
     randomizer: Randomizer | None = None
     draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
     first: Mapping[str, object] | None = None
+    first_fields: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     reward_terms: dict[str, Quantity] = dataclasses.field(default_factory=dict)
     last_terms: Mapping[str, Quantity] | None = None
     reward_so_far: Quantity = 0.0
@@ -246,8 +250,7 @@ class Environment(dm_env.Environment):
         self.__check_open()
         # True until the start is complete: an interrupted start must not be stepped.
         self._reset_next_step = True
-        if ours.first is None:
-            ours.first = self._first_values()
+        self.__keep_first()
         if ours.randomizer is not None:
             ours.randomization = ours.randomizer.draw(self.__draw_stream())
             self.__simulated.simulation.set_fields(ours.randomization)
@@ -486,11 +489,14 @@ class Environment(dm_env.Environment):
     def reseed(self, seed: int) -> None:
         """Makes the next episode the first one of an environment with `random=seed`.
 
-        The task's EPISODE_ATTRIBUTES get the values from before the first episode.
+        The task's EPISODE_ATTRIBUTES and EPISODE_FIELDS get the values from before the first
+        episode.
         """
         ours = self._ours
         for name, value in self._first_values().items():
             setattr(self._task, name, value)
+        if ours.first_fields:
+            self.__simulated.simulation.set_fields(ours.first_fields)
         if ours.faults is not None:
             ours.faults.begin_again(0)
         stream = np.random.RandomState(seed)
@@ -505,6 +511,25 @@ class Environment(dm_env.Environment):
 
     def __keep_own(self) -> None:
         keep_own(self._task, getattr(self._task, EPISODE_ATTRIBUTES, ()), self._ours.first or {})
+
+    def __keep_first(self) -> None:
+        ours = self._ours
+        if ours.first is None:
+            ours.first, ours.first_fields = self._first_values(), self._first_fields()
+
+    def _first_fields(self) -> Mapping[str, np.ndarray]:
+        """Copies of the task's EPISODE_FIELDS from before the first episode.
+
+        None of the suite's own tasks: each of their starts sets all that they declare.
+        """
+        ours = self._ours
+        if ours.first is not None or is_of_the_suite(self._task, self._physics):
+            return ours.first_fields
+        found = {}
+        for name in getattr(self._task, "EPISODE_FIELDS", ()):
+            with contextlib.suppress(AttributeError):  # an unknown one: see `check_episode_fields`
+                found[name] = np.array(operator.attrgetter(name)(self.__simulated.model))
+        return found
 
     def _first_values(self) -> dict[str, object]:
         """Copies of the task's EPISODE_ATTRIBUTES from before the first episode."""
@@ -554,8 +579,7 @@ class Environment(dm_env.Environment):
         """
         ours = self._ours
         self.__check_open()
-        if ours.first is None:
-            ours.first = self._first_values()
+        self.__keep_first()
         is_copy = bool(as_snapshot(snapshot).copies) or difference(self) is not None
         own = Snapshot.of_copy(self) if is_copy else self.snapshot()
         snapshot.check_all(own, 1, math.inf if is_copy else self._step_limit)

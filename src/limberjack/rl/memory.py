@@ -134,7 +134,7 @@ def put_back(memory: Memory, task: object, physics: object) -> None:
     parts = _parts_of(task, physics)
     memo = {
         # A physics makes some parts, such as `named`, on their first use.
-        id(one): parts.get(name) or getattr(physics, name.rpartition(".")[2], None)
+        id(one): parts[name] if name in parts else getattr(physics, name.rpartition(".")[2], None)
         for name, one in _OWN.items()
     }
     memory = copy.deepcopy(dict(memory), memo)
@@ -218,15 +218,16 @@ def _uses(value: object, own: set[int]) -> bool:
 
 def _ids_of(task: object, physics: object) -> set[int]:
     """Ids of the task, its stream, its physics and the parts of the physics."""
-    stream = getattr(task, "_random", None)
-    own = [task, physics, stream, *getattr(physics, "__dict__", {}).values()]
-    atoms = (str, bytes, int, float, complex, bool, type(None))
-    return {id(one) for one in own if not isinstance(one, atoms)}
+    return {id(one) for one in _parts_of(task, physics).values()}
 
 
 def _of_physics(physics: object) -> dict[str, object]:
-    """The attributes that a class of physics, or its user, has added."""
-    return {n: value for n, value in attributes_of(physics).items() if n not in _SETTINGS}
+    """The attributes that a class of physics, or its user, has added.
+
+    Not views of its own memory, which always show the present.
+    """
+    added = attributes_of(physics).items()
+    return {n: value for n, value in added if n not in _SETTINGS and not is_live(value)}
 
 
 def _is_stream(name: str, value: object) -> bool:

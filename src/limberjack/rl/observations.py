@@ -68,15 +68,23 @@ def specs_of(observation: Observation) -> collections.OrderedDict[str, specs.Arr
     """Shapes and dtypes of an observation, by name.
 
     Raises:
-      TypeError: it is not a mapping.
+      TypeError: it is not a mapping, or one of its values is nested.
     """
     if not isinstance(observation, Mapping):
         raise TypeError(
             f"get_observation returned {observation!r}; expected a mapping from names to arrays"
         )
+    arrays_by_name = {name: np.asarray(value) for name, value in observation.items()}
+    for name, array in arrays_by_name.items():
+        if array.dtype == object:
+            raise TypeError(
+                f"observation {name!r} is a {type(observation[name]).__name__}; expected an array "
+                "of numbers: give each part of it a name of its own, since observations are not "
+                "nested"
+            )
     return collections.OrderedDict(
-        (name, specs.Array(np.shape(value), np.asarray(value).dtype, name=name))
-        for name, value in observation.items()
+        (name, specs.Array(array.shape, array.dtype, name=name))
+        for name, array in arrays_by_name.items()
     )
 
 
