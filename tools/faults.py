@@ -233,6 +233,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("            self._begins[rows] = True  # until c", "            pass  # until c"),
         ("                    self._begin_streams([row])\n", ""),
+        (
+            "                simulation.set_fields(self._first_fields, row)\n",
+            "                pass\n",
+        ),
         ("            self._replicas.check()\n            checked", "            checked"),
         ("            active = active & ~last\n", ""),
         ("            counter.steps[~active] = steps[~active]\n", ""),
@@ -353,8 +357,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/memory.py": [
         ("        for name in _kept(task, physics)[key]:\n", "        for name in ():\n"),
         ("    memory = copy.deepcopy(dict(memory), memo)\n", ""),
-        ("parts.get(name) or getattr(physics, name", "getattr(physics, name"),
-        (' or getattr(physics, name.rpartition(".")[2], None)', ""),
+        ("parts[name] if name in parts else getattr(physics, name", "getattr(physics, name"),
+        (
+            'parts[name] if name in parts else getattr(physics, name.rpartition(".")[2], None)',
+            "parts.get(name)",
+        ),
+        ("n not in _SETTINGS and not is_live(value)", "n not in _SETTINGS"),
         ("    of_task |= {n: v for n, v in cached if", "    _ = {n: v for n, v in cached if"),
         ("        return _OwnMethod(self, name)  # a", "        raise AttributeError(name)  # a"),
         ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),
@@ -394,6 +402,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "        if is_view or reaches(value, targets):\n",
             "        if reaches(value, targets):\n",
         ),
+        ("        if any(is_live(part) for _, part in reachable(value)):\n", "        if False:\n"),
         ("        trial.check_starts(randomizer)\n", ""),
         ("        _forget_cached(rows.single)\n", ""),
         (
@@ -417,6 +426,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (
             "initialize_episode(self._physics)\n            self.__keep_own()\n",
             "initialize_episode(self._physics)\n",
+        ),
+        (
+            "            self.__simulated.simulation.set_fields(ours.first_fields)\n",
+            "            pass\n",
         ),
         ("return self.reset()  # a subclass may", "return self.__begin()  # a subclass may"),
         ("if not is_last and number + 1 < ", "if number + 1 < "),
@@ -458,8 +471,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("if not value.flags.owndata:", "if not value.flags.c_contiguous:"),
         (
-            "specs.Array(np.shape(value), np.asarray(value).dtype, name=name)",
-            "specs.Array(np.shape(value), float, name)",
+            "specs.Array(array.shape, array.dtype, name=name)",
+            "specs.Array(array.shape, float, name)",
         ),
     ],
     "rl/snapshot.py": [
@@ -468,6 +481,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("elif found != expected and not", "elif type(found) is not type(expected) and not"),
     ],
     "rl/action_specs.py": [
+        ("for calls in (1, _LONGEST_DELAY)", "for calls in (1,)"),
         ('not in "fiub"', 'not in "fiubc"'),
         ("finite = np.isfinite(given)", "finite = ~np.isnan(given)"),
         ("return ~finite if", "return finite if"),
@@ -1107,10 +1121,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("axis = random.randn(3)", "axis = random.rand(3)"),
     ],
     "mujoco/row_fields.py": [
-        ("            flags |= ACTUATION\n", ""),
-        ("            flags[...] = before\n", "            pass\n"),
-        ("                option.disableflags |= ACTUATION\n", "                pass\n"),
-        ("                option.disableflags = flags\n", "                pass\n"),
+        ("        self._disableflags |= ACTUATION\n", ""),
+        ("        self._disableflags[...] = self._flags\n", ""),
+        ("            model.opt.disableflags |= ACTUATION\n", "            pass\n"),
+        ("            model.opt.disableflags = self._flags\n", "            pass\n"),
         ("            mujoco.mj_setConst(model, self._data)\n", "            pass\n"),
         ("            self._array[rows] = values\n", "            pass\n"),
         ("return values if numbers.ndim else values[None]", "return values"),
@@ -1122,6 +1136,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            self._calls[rows] = call\n",
         ),
         ("self._official.step(rows, count, _UP_TO_VELOCITY)", "self._official.step(rows, count)"),
+        ("            self._is_without_actuation = True\n", ""),
         ("for live in (self._state, self._warning)]", "for live in (self._state,)]"),
         ("        np.copyto(self._state, self._before)\n", ""),
         ("            self._set_readings(loaded, readings[loaded])\n", "            pass\n"),

@@ -99,6 +99,20 @@ def test_a_closed_stream_is_no_error(closed: str, lines: int) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux only")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has /dev/full")
+def test_a_full_output_is_reported_in_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "limberjack", "list"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+        )
+    assert result.stderr == "limberjack: could not write: No space left on device\n"
+    assert result.returncode == 1
+
+
 def test_a_folder_whose_name_is_no_text_is_written_to(tmp_path: Path) -> None:
     done = call(*_RUN, "--out", "a\udcff", directory=tmp_path, MUJOCO_GL="disable")
     assert done.returncode == 0, done.stderr

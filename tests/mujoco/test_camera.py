@@ -371,6 +371,12 @@ def test_a_camera_that_does_not_exist_is_refused(physics: Physics, camera_id: in
         view_of(physics, camera_id)
 
 
+def test_only_the_free_camera_can_be_chosen_of_a_model_without_cameras() -> None:
+    bare = Physics.from_xml_string("<mujoco/>")
+    with pytest.raises(ValueError, match="expected -1, the free camera: the model has 0 cameras"):
+        view_of(bare, 0)
+
+
 def test_a_size_that_fits_the_buffer_is_returned_as_ints(physics: Physics) -> None:
     assert checked_size(physics, 48, 64) == (48, 64)
     assert checked_size(physics, True, 1) == (1, 1)

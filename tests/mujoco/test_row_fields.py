@@ -129,6 +129,21 @@ def test_a_start_disables_actuation_only_while_it_runs(rows: BatchSimulation) ->
     assert force.any(axis=-1).all()
 
 
+def test_a_start_that_is_interrupted_leaves_actuation_to_the_next_call(
+    rows: BatchSimulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(rows._fields, "restore_actuation", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            rows.forward_without_actuation()
+    rows.ctrl[:] = 1
+    rows.forward()
+    assert (rows.data_field("actuator_force")[0] == 1).all()
+
+
 def test_constants_of_a_row_follow_its_fields(rows: BatchSimulation) -> None:
     rows.sets_constants = True
     _vary(rows)

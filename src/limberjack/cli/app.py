@@ -4,6 +4,8 @@
 def _list() -> None: ...
 """
 
+import contextlib
+import errno
 import importlib
 import io
 import itertools
@@ -107,11 +109,20 @@ def main() -> None:
         try:
             app(prog_name="limberjack")
         except (AttributeError, ImportError, OSError) as error:
-            report = _report_on_files(error)
+            report = _report_on_writing(error) or _report_on_files(error)
             if report is None:
                 raise
             typer.echo(f"limberjack: {report}", err=True)
             sys.exit(FAILED)
+
+
+def _report_on_writing(error: Exception) -> str | None:
+    """The reason if a disk, or what the output goes to, is full; None otherwise."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        with contextlib.suppress(OSError):
+            sys.stdout.close()  # what it could not take is not tried again
+        return f"could not write: {error.strerror}"
+    return None
 
 
 def _report_on_files(error: Exception) -> str | None:

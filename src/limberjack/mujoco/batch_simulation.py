@@ -135,6 +135,7 @@ class BatchSimulation(CountsWarnings):
         self.warnings = self._warning[..., 1]
         self._no_warnings = bytes(self.warnings.nbytes)
         self._fields = row_fields.of(self._official, self._light, num_envs, own_fields)
+        self._is_without_actuation = False  # True after Ctrl-C in the middle of a start
         if midphase.is_needless(self._light, self._fields.own):
             self._fields.write("body_bvhadr", 0, -1)  # no tree for the world body
         self._bound: set[str] = set()
@@ -238,6 +239,8 @@ class BatchSimulation(CountsWarnings):
             self._calls[rows], self._counts[rows] = call, count
         self._was_called = True
         pass_exit_guard()
+        if self._is_without_actuation:
+            self._restore_actuation()
         if call is Call.STEP:
             self._official.step(rows, count, _UP_TO_VELOCITY)
         elif call is Call.STEP_WHOLE:
@@ -245,10 +248,18 @@ class BatchSimulation(CountsWarnings):
         elif call is Call.FORWARD:
             self._official.forward(rows)
         elif call is Call.START:
-            with self._fields.without_actuation(rows):
+            self._is_without_actuation = True
+            try:
+                self._fields.disable_actuation(rows)
                 self._official.forward(rows)
+            finally:
+                self._restore_actuation()
         else:
             self._official.forward(rows, _UP_TO_VELOCITY)
+
+    def _restore_actuation(self) -> None:
+        self._fields.restore_actuation()
+        self._is_without_actuation = False
 
     def _replay(self) -> None:
         """Repeats the last calls to write all bound fields; changes nothing else."""

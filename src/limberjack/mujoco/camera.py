@@ -409,9 +409,11 @@ def view_of(physics: Drawable, camera_id: int | str) -> MjvCamera:
                 "the free camera"
             ) from None
     if not FREE_CAMERA <= number < model.ncam:
+        expected = f"a name, or a number from -1, the free camera, to {model.ncam - 1}"
+        if not model.ncam:
+            expected = "-1, the free camera"
         raise ValueError(
-            f"camera_id is {number}; expected a name, or a number from -1, the free camera, to "
-            f"{model.ncam - 1}: the model has {model.ncam} cameras"
+            f"camera_id is {number}; expected {expected}: the model has {model.ncam} cameras"
         )
     view = MjvCamera()
     view.fixedcamid = number

@@ -2,8 +2,9 @@
 
     fields = row_fields.of(batch, model, num_envs, ("body_pos",))
     fields.own["body_pos"][3] = positions           # of row 3
-    with fields.without_actuation(rows):
-        batch.forward(rows)
+    fields.disable_actuation(rows)
+    batch.forward(rows)
+    fields.restore_actuation()
 
 There are two implementations, and MuJoCo does not allow both in one batch:
 
@@ -15,8 +16,7 @@ There are two implementations, and MuJoCo does not allow both in one batch:
   in the models only, unless a task reads a field of all rows at once.
 """
 
-import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import EllipsisType
 from typing import Protocol
 
@@ -64,8 +64,12 @@ class RowFields(Protocol):
         """Sets elements of an array of the model, which need not be an own field, in every row."""
         ...
 
-    def without_actuation(self, rows: Rows) -> contextlib.AbstractContextManager[None]:
-        """Context in which actuation is disabled in these rows, at least."""
+    def disable_actuation(self, rows: Rows) -> None:
+        """Disables actuation in these rows, at least."""
+        ...
+
+    def restore_actuation(self) -> None:
+        """Sets the flags of all rows to those of the model; may be called repeatedly."""
         ...
 
     def set_const(self, rows: Rows) -> None:
@@ -90,6 +94,7 @@ class Expanded:
         self._batch = batch
         self.own: dict[str, np.ndarray] = {name: batch.expand(name) for name in names}
         self._disableflags: np.ndarray = batch.expand("opt.disableflags")
+        self._flags = self._disableflags.copy()
 
     def shown(self, name: str) -> np.ndarray:
         """See `RowFields`; writable."""
@@ -99,16 +104,13 @@ class Expanded:
         """See `RowFields`."""
         self._batch.expand(name)[:, index] = values
 
-    @contextlib.contextmanager
-    def without_actuation(self, rows: Rows) -> Iterator[None]:
+    def disable_actuation(self, rows: Rows) -> None:
         """See `RowFields`."""
-        flags = self._disableflags
-        before = flags.copy()
-        try:
-            flags |= ACTUATION
-            yield
-        finally:
-            flags[...] = before
+        self._disableflags |= ACTUATION
+
+    def restore_actuation(self) -> None:
+        """See `RowFields`."""
+        self._disableflags[...] = self._flags
 
     def set_const(self, rows: Rows) -> None:
         """See `RowFields`."""
@@ -127,6 +129,7 @@ class RowModels:
         self._batch = batch
         self._models = [copy_of(model) for _ in range(num_envs)]
         self._data = data_of(model)  # for mj_setConst, which computes in it
+        self._flags = model.opt.disableflags
         self.own: dict[str, _Values] = {
             name: _Values(self._models, name, self._set_models) for name in names
         }
@@ -148,20 +151,17 @@ class RowModels:
             getattr(model, name)[index] = values
         self._set_models()
 
-    @contextlib.contextmanager
-    def without_actuation(self, rows: Rows) -> Iterator[None]:
+    def disable_actuation(self, rows: Rows) -> None:
         """See `RowFields`."""
-        options = [model.opt for model in self._of(rows)]
-        before = [option.disableflags for option in options]
-        try:
-            for option in options:
-                option.disableflags |= ACTUATION
-            self._set_models()
-            yield
-        finally:
-            for option, flags in zip(options, before, strict=True):
-                option.disableflags = flags
-            self._set_models()
+        for model in self._of(rows):
+            model.opt.disableflags |= ACTUATION
+        self._set_models()
+
+    def restore_actuation(self) -> None:
+        """See `RowFields`."""
+        for model in self._models:
+            model.opt.disableflags = self._flags
+        self._set_models()
 
     def set_const(self, rows: Rows) -> None:
         """See `RowFields`."""

@@ -109,8 +109,6 @@ class BatchEnvironment(Batch):
         self._faults = None if env._ours.faults is None else env._ours.faults.of_rows(num_envs)
         self._looks = replicas.looks = Looks.of_rows(env._ours.looks, num_envs)
         self._first_fields = env._first_fields()
-        if self._first_fields:  # the environment may have played
-            replicas.simulation.set_fields(self._first_fields)
         self._streams = Streams(self._seeds[0], num_envs)
         self._seeds = self._streams.seeds
         self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
@@ -180,8 +178,6 @@ class BatchEnvironment(Batch):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
                     self._memory.begin_again([row])
-                    if self._first_fields:
-                        self._replicas.simulation.set_fields(self._first_fields, row)
                     if self._faults is not None:
                         self._faults.begin_again([row])
                     self._begin_streams([row])
@@ -571,11 +567,17 @@ class BatchEnvironment(Batch):
         return frames if self._looks is None else {**frames, **self._looks.save(rows)}
 
     def _begin_streams(self, rows: Iterable[int]) -> None:
-        """Draws from the rows' new streams: the length of a first episode, and model fields."""
-        if self._stagger is not None:  # before the task draws from the streams
-            for row in rows:
+        """Draws from the rows' new streams: the length of a first episode, and model fields.
+
+        Fields that only some starts set have the values from before the first episode.
+        """
+        simulation = self._replicas.simulation
+        for row in rows:
+            if self._stagger is not None:  # before the task draws from the streams
                 self._stagger.draw(row, self._streams.own[row])
-        self._streams.begin(rows, self._task, self._replicas.simulation)
+            if self._first_fields:
+                simulation.set_fields(self._first_fields, row)
+        self._streams.begin(rows, self._task, simulation)
 
     def _limits(self, rows: np.ndarray) -> np.ndarray | None:
         """The limits of rows as a snapshot holds them."""
