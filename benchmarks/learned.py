@@ -6,10 +6,11 @@
 
 plays each finished policy of `trained/DOMAIN-TASK-SEED` on 100 seeds that no training has seen,
 keeps all returns and learning curves in results/learned, and puts the policy of the median run into
-the package. A task needs three runs or more, an odd number. Then, and without a folder, it writes
-what is made of these results: the table of docs/policies.md, the figures of the recipe that begins
-docs/training.md, the package's file of learning curves, and docs/images/learning_curves.svg, which
-shows them. tools/learned_pictures.py films the policies.
+the package, of an even number the lower one in the middle. Runs that were scored earlier with the
+same settings count too, so that tasks that take hours can begin with one. Then, and without a
+folder, it writes what is made of these results: the table of docs/policies.md, the figures of the
+recipe that begins docs/training.md, the package's file of learning curves, and
+docs/images/learning_curves.svg, which shows them. tools/learned_pictures.py films the policies.
 """
 
 import csv
@@ -59,7 +60,6 @@ RECIPE = "cartpole-swingup"  # the task that the page of training begins with
 _DOCS = _ROOT / "docs"
 _BUNDLED = _ROOT / "src" / "limberjack" / "policies" / "pretrained"
 _POLICY = "policy.safetensors"
-_LEAST_RUNS = 3
 _LICENCE = "Apache-2.0"
 _MARK, _END = "<!-- {}: written by benchmarks/learned.py -->", "<!-- end -->"
 _WIDTH = 100  # of a line of text
@@ -67,8 +67,9 @@ _MILLION = 1_000_000
 
 _TEXT = """
 Each task was trained with {runs} seeds by `limberjack train`{others}.
-The policy of the median run is bundled, never the best one. Returns are those of 100 seeds that no
-training has seen ({first}:{end}), from observations, at the action repeat of the card. *interval*:
+The policy of the median run is bundled, never the best one of several. Returns are those of 100
+seeds that no training has seen ({first}:{end}), from observations, at the action repeat of the
+card. *interval*:
 95 % confidence, of the mean over these seeds. *success*: the share of episodes whose last 100 steps
 have a mean reward of at least 0.9. *runs*: the means of all runs. *published*: the best published
 mean after 1 million steps, as in [Scores](scores.md#published-scores); of lqr, whose optimal policy
@@ -95,15 +96,24 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
     tasks: dict[str, list[Path]] = {}
     for path in sorted(trained.glob(f"*/{_POLICY}")):
         tasks.setdefault(path.parent.name.rpartition("-")[0], []).append(path.parent)
-    complete = {name: runs for name, runs in tasks.items() if len(runs) >= _LEAST_RUNS}
-    for name, runs in complete.items():
-        odd = runs[: len(runs) - (len(runs) + 1) % 2]
-        _check_alike(name, odd)
-        scored = [_scored(run) for run in odd]
-        middle = statistics.median(one["mean"] for one, _ in scored)
-        index = next(i for i, (one, _) in enumerate(scored) if one["mean"] == middle)
-        run, evaluation = scored[index]
-        _copy(odd[index] / _POLICY, folder / f"{name}.safetensors", run)
+    for name, folders in tasks.items():
+        _check_alike(name, folders)
+        bundled, result = folder / f"{name}.safetensors", out / f"{name}.json"
+        known, sources = _known_runs(result, folders[0], bundled)
+        evaluation = None
+        for one in folders:
+            run, evaluation = _scored(one)
+            known[run["seed"]], sources[run["seed"]] = run, one / _POLICY
+        assert evaluation is not None
+        runs = [known[seed] for seed in sorted(known)]
+        middle = statistics.median_low(run["mean"] for run in runs)
+        run = next(one for one in runs if one["mean"] == middle)
+        if run["seed"] not in sources:
+            raise ValueError(
+                f"the median run of {name} is that of seed {run['seed']}, whose policy is neither "
+                f"in {trained} nor bundled: train it again"
+            )
+        _copy(sources[run["seed"]], bundled, run)
         content = {
             "domain": evaluation.facts["domain"],
             "task": evaluation.facts["task"],
@@ -112,18 +122,27 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
             "zero": evaluation.summary("zero").mean,
             "random": evaluation.summary("random").mean,
             "bundled": run["seed"],
-            "settings": _settings(odd[index]),
-            "runs": [one for one, _ in scored],
+            "settings": _settings(folders[0]),
+            "runs": runs,
         }
         if content["domain"] == "lqr":
             content["optimal"] = _optimal_cost(content["task"])
-            for one, played in scored:
-                scores = played.scores[played.policy]
-                one["cost"] = statistics.fmean(score.length - score.total for score in scores)
         out.mkdir(parents=True, exist_ok=True)
         text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-        (out / f"{name}.json").write_text(_short_lists(text), encoding="utf-8")
-    return list(complete)
+        result.write_text(_short_lists(text), encoding="utf-8")
+    return list(tasks)
+
+
+def _known_runs(
+    result: Path, folder: Path, bundled: Path
+) -> tuple[dict[int, _Result], dict[int, Path]]:
+    """The runs of an earlier result with a folder's settings, and the bundled policy, by seed."""
+    if not result.exists():
+        return {}, {}
+    earlier = json.loads(result.read_text("utf-8"))
+    if _used(earlier["settings"]) != _used(_settings(folder)):
+        return {}, {}
+    return {run["seed"]: run for run in earlier["runs"]}, {earlier["bundled"]: bundled}
 
 
 def _check_alike(name: str, runs: Iterable[Path]) -> None:
@@ -232,6 +251,7 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
     where = card.domain, card.task
     evaluation = evaluate(*where, f"mlp:{path}", SEEDS, time_limit=_time_limit(*where))
     summary = evaluation.summary()
+    scores = evaluation.scores[evaluation.policy]
     with (folder / "curve.csv").open(encoding="utf-8") as file:
         _, *lines = csv.reader(file)
     run = {
@@ -243,10 +263,12 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
         "mean": summary.mean,
         "interval": summary.interval,
         "success_rate": summary.success_rate,
-        "returns": [score.total for score in evaluation.scores[evaluation.policy]],
+        "returns": [score.total for score in scores],
         # Control steps, seconds of one processor core, mean return of ten episodes.
         "curve": [[int(line[0]), float(line[2]), float(line[3])] for line in lines],
     }
+    if card.domain == "lqr":  # where a control step pays 1 less its cost
+        run["cost"] = statistics.fmean(score.length - score.total for score in scores)
     return run, evaluation
 
 
