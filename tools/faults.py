@@ -1269,7 +1269,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "mujoco/index.py": [
         ("        return (..., *index, *(slice(None),) * rest)", "        return (..., *index)"),
         ("return (slice, start, stop, step)", "return (slice, start, stop)"),
-        ("starts == -1, 0, 1)", "starts == -1, 1, 1)"),
+        ("fields.ACTUATORS[size_name]).ravel()", 'fields.ACTUATORS["na"]).ravel()'),
     ],
     "mujoco/engine.py": [
         ("            np.copyto(item, part)\n", "            np.copyto(item, part[..., :1])\n"),

@@ -20,9 +20,16 @@ def test_players_take_turns_with_the_same_actions() -> None:
         return play
 
     players = {name: player(name) for name in "abc"}
+    shares: list[float] = []
     taken = bench.take_turns(
-        players, lambda k: np.random.random((k, 512, 1)), 0.0, min_rounds=2, warm_up_steps=5
+        players,
+        lambda k: np.random.random((k, 512, 1)),
+        0.0,
+        min_rounds=2,
+        warm_up_steps=5,
+        on_round=shares.append,
     )
+    assert shares == [0.0, 0.5]
     assert taken == {name: [0.5, 0.5] for name in "abc"}
     assert "".join(name for name, _ in seen) == "abcabcbca"
     for first in (0, 3, 6):
@@ -46,3 +53,11 @@ def test_environments_that_repeat_or_delay_actions_are_compared(make: Any, episo
         actions = contest.actions(5)
         for play in (contest.physics, contest.batch, contest.vector):
             play(actions)
+
+
+def test_a_contest_of_different_steps_raises_and_closes_what_it_made() -> None:
+    contest = bench.Contest("cartpole", "swingup", num_envs=2, num_threads=1)
+    with pytest.raises(RuntimeError, match="different states"), contest:
+        contest.batch(contest.actions(3))
+    with pytest.raises(RuntimeError, match="closed"):
+        contest.environment.reset()

@@ -116,25 +116,6 @@ def test_keywords_are_known_if_any_of_the_callables_takes_them_by_name() -> None
         arguments.refuse_unknown({"positional": 1}, first, second)
 
 
-def test_separate_arguments_join_the_others_and_leave_the_callers_mapping_alone() -> None:
-    given = {"random": 1}
-    assert arguments.task_arguments(given, 2.5) == {"random": 1, "time_limit": 2.5}
-    assert arguments.task_arguments(None, None) == {}
-    pixels, randomize = {"camera": 0}, {"body_mass": None}
-    own = {"randomize": randomize, "pixels": pixels, "faults": None}
-    joined = arguments.environment_arguments({"flat_observation": True}, **own)
-    assert joined == {"flat_observation": True, "randomize": randomize, "pixels": pixels}
-    assert given == {"random": 1}
-
-
-@pytest.mark.parametrize("name", ["randomize", "pixels"])
-def test_an_argument_given_twice_is_refused_by_name(name: str) -> None:
-    with pytest.raises(TypeError, match=f"{name} is given twice"):
-        arguments.environment_arguments({name: {}}, **{name: {}})
-    with pytest.raises(TypeError, match="time_limit is given twice"):
-        arguments.task_arguments({"time_limit": 1}, 2.0)
-
-
 def test_a_function_that_suggests_names_works_as_before() -> None:
     @arguments.suggests_names
     def add(first: int, *, second: int = 0) -> int:
@@ -146,7 +127,7 @@ def test_a_function_that_suggests_names_works_as_before() -> None:
     assert add.__doc__ == "A sum."
     wrong: Any = add
     with pytest.raises(
-        TypeError, match=r"no argument 'secnod'\. Did you mean 'second'\? There are: first, second"
+        TypeError, match=r"no argument 'secnod'\. Did you mean 'second'\? It takes: first, second"
     ):
         wrong(1, secnod=2)
     with pytest.raises(TypeError, match="missing 1 required positional argument"):

@@ -354,7 +354,9 @@ def test_a_snapshot_sets_the_count_of_gymnasiums_time_limit() -> None:
         short.reset(options={"state": snapshot})
 
 
-def test_a_refused_reset_leaves_the_count_of_gymnasiums_time_limit_alone() -> None:
+def test_a_refused_reset_leaves_the_count_of_gymnasiums_time_limit_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     env: Any = gymnasium.make("limberjack/humanoid-walk-v0", max_episode_steps=4)
     env.reset(seed=0)
     env.step(np.zeros(21))
@@ -362,6 +364,14 @@ def test_a_refused_reset_leaves_the_count_of_gymnasiums_time_limit_alone() -> No
     for options, seed in (({"stat": 1}, None), ({"state": {"qps": 1}}, None), (None, -1)):
         with pytest.raises((TypeError, ValueError)):
             env.reset(seed=seed, options=options)
+
+    def interrupted(seed: int) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(env.unwrapped._played, "reseed", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            env.reset(seed=1)
     assert [env.step(np.zeros(21))[3] for _ in range(2)] == [False, True]
 
 

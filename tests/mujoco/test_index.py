@@ -398,6 +398,35 @@ def test_fields_are_listed_and_looked_up_by_name(physics: Physics) -> None:
         physics.named.data.qposs  # noqa: B018
 
 
+def test_an_actuator_may_have_several_controls_outputs_and_activations() -> None:
+    physics = Physics.from_xml_string(
+        """
+        <mujoco>
+          <worldbody>
+            <body name="arm"><joint name="x"/><geom size=".1"/></body>
+            <body name="top"><joint name="turn" type="ball"/><geom size=".1"/></body>
+          </worldbody>
+          <actuator>
+            <pid name="servo" joint="x" kp="10" kv="2" input="pos vel ff"/>
+            <orientation name="turn" joint="turn" kp="1" input="quat"/>
+            <motor name="motor" joint="x" gear="7"/>
+          </actuator>
+        </mujoco>
+        """
+    )
+    data, model = physics.named.data, physics.named.model
+    physics.set_control(np.arange(physics.model.nu))
+    assert data.ctrl["servo"].tolist() == [0, 1, 2]
+    assert data.ctrl["turn"].tolist() == [3, 4, 5, 6]
+    assert data.ctrl["motor"] == 7
+    physics.forward()
+    assert physics.model.nout > physics.model.nactuator
+    assert data.actuator_force["turn"].shape == (physics.model.nout - 2,)
+    assert data.actuator_force["motor"] == 7
+    assert model.actuator_gear["motor", 0] == 7
+    assert model.actuator_ctrlrange["turn"].shape == (4, 2)
+
+
 def test_every_row_and_column_that_has_names_has_as_many_as_there_are(physics: Physics) -> None:
     """For the installed MuJoCo, every rule in `fields` matches the length of its axis."""
     for struct, view in (("MjData", physics.named.data), ("MjModel", physics.named.model)):
@@ -413,7 +442,7 @@ def test_every_row_and_column_that_has_names_has_as_many_as_there_are(physics: P
                 rows = [row for n in names for row in axis.convert_key_item([n])]
                 assert all(row < length for row in rows), (name, size)
                 # A row of wrap_xpos is two points, of which the first has names, as in dm_control.
-                if size in fields.OBJECTS or (size in fields.COLUMN_NAMES and name != "wrap_xpos"):
+                if size in (*fields.OBJECTS, "nu", "nout") or (size in fields.COLUMN_NAMES and name != "wrap_xpos"):
                     assert len(axis.names) == length, (name, size)
         assert seen > 40, "hardly any field has names"
 

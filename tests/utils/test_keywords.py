@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from limberjack import gym, suite
-from limberjack.utils.keywords import keywords, with_keyword
+from limberjack.utils.keywords import keywords, with_keywords
 
 
 def test_they_are_a_new_dict() -> None:
@@ -42,11 +42,13 @@ def test_a_batch_refuses_them_too() -> None:
         suite.load_batch("pendulum", "swingup", 2, task_kwargs=5)  # pyright: ignore[reportArgumentType]
 
 
-def test_a_keyword_is_added_unless_it_is_none_or_there_already() -> None:
+def test_keywords_are_added_unless_they_are_none_or_there_already() -> None:
     given = {"random": 0}
-    assert with_keyword("time_limit", 2.0, given, "task_kwargs") == {"random": 0, "time_limit": 2.0}
-    assert with_keyword("time_limit", None, given, "task_kwargs") == given
+    joined = with_keywords("task_kwargs", given, time_limit=2.0, other=None)
+    assert joined == {"random": 0, "time_limit": 2.0}
+    assert with_keywords("task_kwargs", given, time_limit=None) == given == {"random": 0}
+    assert with_keywords("task_kwargs", None) == {}
     with pytest.raises(
         TypeError, match="random is given twice: once alone and once in task_kwargs"
     ):
-        with_keyword("random", 1, given, "task_kwargs")
+        with_keywords("task_kwargs", given, random=1)

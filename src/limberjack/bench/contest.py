@@ -167,11 +167,13 @@ class Contest:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self.check_same_steps()
-        self._bare.clear()
-        self.environment.close()
-        self.vector_env.close()
+        try:
+            if kind is None:
+                self.check_same_steps()
+        finally:
+            self._bare.clear()
+            self.environment.close()
+            self.vector_env.close()
 
 
 def take_turns(
@@ -211,7 +213,7 @@ def take_turns(
         if number >= min_rounds and elapsed > seconds:
             break
         if on_round is not None:
-            on_round(min(1.0, number / min_rounds, elapsed / seconds))
+            on_round(min(1.0, number / min_rounds, elapsed / seconds if seconds else 1.0))
         given = actions(block)
         for name in order:
             taken[name].append(players[name](given) / block)

@@ -41,7 +41,6 @@ _UFUNCS: dict[str, _Function] = {
 }
 _REDUCTIONS: dict[str, str] = {
     "add": "sum",
-    "bitwise_or": "any",
     "logical_and": "all",
     "logical_or": "any",
     "maximum": "amax",

@@ -117,19 +117,12 @@ class Starts:
         self.batch.close()
 
     def _field(self, kind: str, name: str) -> np.ndarray:
-        """Values of all rows of the batch; empty if this version of MuJoCo has no such field."""
-        if kind == "model":
-            return self._model_field(name)
-        try:
-            return np.asarray(self._simulation.data_field(name)[0])
-        except AttributeError:
-            return np.empty((_AT_ONCE, 0))
-
-    def _model_field(self, name: str) -> np.ndarray:
+        """Values of all rows of the batch."""
         own = self._simulation.own_fields
-        if name in own:  # options too
+        if kind == "model" and name in own:  # options too
             return np.asarray(own[name][:])
-        return np.asarray(self._simulation.model_field(name)[0])
+        read = self._simulation.model_field if kind == "model" else self._simulation.data_field
+        return np.asarray(read(name)[0])
 
     def _laid_out(self, named: Sequence[tuple[str, str]]) -> list[Part]:
         parts, start = [], 0

@@ -45,6 +45,7 @@ from limberjack.rl.control import Environment
 from limberjack.rl.guards import as_rows, at_least_one
 from limberjack.rl.randomize import stream_beside
 from limberjack.rl.snapshot import Snapshot
+from limberjack.utils.keywords import with_keywords
 from limberjack.utils.log import log
 
 __all__ = ["VectorEnv", "load_vector"]
@@ -157,8 +158,9 @@ class VectorEnv(gymnasium_vector.VectorEnv[_Observation, torch.Tensor, torch.Ten
             if mask is None:
                 self.batch.seed(seeds[0])
         observation = self.batch.reset(mask, seeds)
+        of_all = mask is None or not self._was_reset  # the first call begins all rows
+        begun = self._all if of_all else torch.from_numpy(mask).to(self.device)
         self._was_reset = True
-        begun = self._all if mask is None else torch.from_numpy(mask).to(self.device)
         return self._in_form(observation), self._drawn(begun)
 
     def step(self, actions: torch.Tensor) -> _Step:
@@ -455,7 +457,9 @@ def load_vector(
       TypeError: an argument is unknown; the message suggests the nearest name.
       MemoryError: this many rows do not fit into the device's memory.
     """
-    of_environment = arguments.environment_arguments(environment_kwargs, randomize=randomize)
+    of_environment = with_keywords(
+        "environment_kwargs", environment_kwargs, randomize=randomize
+    )
     for name, value in (("pixels", pixels), ("render_mode", render_mode)):
         given = of_environment.get(name) if value is None else value
         if given is not None:
@@ -465,7 +469,7 @@ def load_vector(
         at_least_one("action_repeat", action_repeat)
     mode = arguments.autoreset_mode(autoreset_mode)
     place = device_of(device)
-    of_task = arguments.task_arguments(task_kwargs, time_limit)
+    of_task = with_keywords("task_kwargs", task_kwargs, time_limit=time_limit)
     environment = vectorisable(suite.load(domain, task, of_task, of_environment))
     if not environment.physics.legacy_step:
         raise ValueError("legacy_step is False: use the CPU, limberjack.gym.load_vector")

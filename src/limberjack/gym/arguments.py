@@ -2,7 +2,7 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -10,7 +10,8 @@ from gymnasium.vector import AutoresetMode
 
 from limberjack.mujoco.camera import check_names
 from limberjack.rl.pixels import cameras_of, render_arguments
-from limberjack.utils.keywords import keywords, with_keyword
+from limberjack.utils import suggest
+from limberjack.utils.keywords import keywords, with_keywords
 from limberjack.utils.seeds import checked_seed, first_of_seeds
 from limberjack.utils.suggest import did_you_mean
 
@@ -19,7 +20,6 @@ __all__ = [
     "STATE",
     "autoreset_mode",
     "check_options",
-    "environment_arguments",
     "is_batch",
     "picture_arguments",
     "refuse_unknown",
@@ -27,7 +27,6 @@ __all__ = [
     "reset_mask",
     "row_seeds",
     "suggests_names",
-    "task_arguments",
 ]
 
 RENDER_MODES = ["rgb_array"]
@@ -48,7 +47,7 @@ def suggests_names(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @functools.wraps(function)
     def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        _refuse(kwargs, known)
+        suggest.check_names("there is no argument", kwargs, known)
         return function(*args, **kwargs)
 
     return checked
@@ -169,16 +168,7 @@ def refuse_unknown(kwargs: Mapping[str, object], *callables: Callable[..., objec
         for name, parameter in inspect.signature(one).parameters.items()
         if parameter.kind is parameter.KEYWORD_ONLY
     ]
-    _refuse(kwargs, known)
-
-
-def _refuse(names: Iterable[str], known: list[str]) -> None:
-    for name in names:
-        if name not in known:
-            raise TypeError(
-                f"there is no argument {name!r}.{did_you_mean(name, known)} There are: "
-                f"{', '.join(known)}."
-            )
+    suggest.check_names("there is no argument", kwargs, known)
 
 
 def picture_arguments(
@@ -209,36 +199,6 @@ def picture_arguments(
     kwargs = render_arguments(keywords("render_kwargs", render_kwargs))
     check_names(kwargs)
     camera = camera_id if camera_name is None else camera_name
-    for name, value in (("width", width), ("height", height), ("camera_id", camera)):
-        kwargs = with_keyword(name, value, kwargs, "render_kwargs")
+    kwargs = with_keywords("render_kwargs", kwargs, width=width, height=height, camera_id=camera)
     cameras_of(kwargs.get("camera_id", -1))
-    return kwargs
-
-
-def task_arguments(
-    task_kwargs: Mapping[str, object] | None, time_limit: float | None
-) -> dict[str, object]:
-    """`task_kwargs` with the time limit added.
-
-    Raises:
-      TypeError: the time limit is given twice.
-    """
-    return with_keyword("time_limit", time_limit, task_kwargs, "task_kwargs")
-
-
-def environment_arguments(
-    environment_kwargs: Mapping[str, object] | None, **own: object
-) -> dict[str, object]:
-    """`environment_kwargs` with arguments added that a function also takes by themselves.
-
-    Args:
-      environment_kwargs: keyword arguments of `control.Environment`.
-      own: such as `pixels`; None for those that are not given.
-
-    Raises:
-      TypeError: one of them is given twice.
-    """
-    kwargs = keywords("environment_kwargs", environment_kwargs)
-    for name, value in own.items():
-        kwargs = with_keyword(name, value, kwargs, "environment_kwargs")
     return kwargs

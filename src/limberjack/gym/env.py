@@ -38,6 +38,7 @@ from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.pixels import render_cameras
 from limberjack.rl.represented import represented
 from limberjack.rl.snapshot import Snapshot
+from limberjack.utils.keywords import with_keywords
 from limberjack.utils.seeds import checked_seed
 
 __all__ = ["Env", "check_steps", "load"]
@@ -229,7 +230,7 @@ class Env(gymnasium.Env):
                 check_steps(self.actions_of(int(state.step_count[0])), limits)
             if number is not None:  # which may call the user's code, to make the environment
                 played.reseed(number)
-        except Exception:
+        except BaseException:  # Ctrl-C too
             # Gymnasium's `TimeLimit` has set its count to 0 already.
             for limit in limits:
                 limit._elapsed_steps = self.actions_of(self._counted)
@@ -417,7 +418,7 @@ def load(
       ValueError: the domain or the task is unknown, or an argument is out of range.
     """
     arguments.refuse_unknown(kwargs, Env, load)
-    of_task = arguments.task_arguments(task_kwargs, time_limit)
+    of_task = with_keywords("task_kwargs", task_kwargs, time_limit=time_limit)
     own = {"randomize": randomize, "pixels": pixels, "faults": faults, "appearance": appearance}
-    of_environment = arguments.environment_arguments(environment_kwargs, **own)
+    of_environment = with_keywords("environment_kwargs", environment_kwargs, **own)
     return Env(suite.build_of(domain, task, of_task, of_environment), **kwargs)

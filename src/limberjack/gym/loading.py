@@ -14,6 +14,7 @@ from limberjack.gym.many import ManyVectorEnv
 from limberjack.gym.vector import VectorEnv
 from limberjack.registry.sets import Tasks
 from limberjack.rl.guards import at_least_one
+from limberjack.utils.keywords import with_keywords
 
 __all__ = ["load_vector"]
 
@@ -72,9 +73,9 @@ def load_vector(
       TypeError: an argument is unknown; the message suggests the nearest name.
     """
     arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
-    of_task = arguments.task_arguments(task_kwargs, time_limit)
+    of_task = with_keywords("task_kwargs", task_kwargs, time_limit=time_limit)
     own = {"randomize": randomize, "pixels": pixels, "faults": faults, "appearance": appearance}
-    of_environment = arguments.environment_arguments(environment_kwargs, **own)
+    of_environment = with_keywords("environment_kwargs", environment_kwargs, **own)
     how: dict[str, Any] = {  # Any: of `suite.load_batch`
         "num_threads": num_threads,
         "task_kwargs": of_task,

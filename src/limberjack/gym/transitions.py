@@ -102,10 +102,6 @@ class Transitions:
             )
         return np.array(given)
 
-    def restart(self) -> None:
-        """Make every row begin an episode with the next step, or wait for a reset."""
-        self.batch.restart()
-
     def check_begun(self) -> None:
         """Raise ResetNeeded if rows wait for a reset that the mode leaves to the user."""
         if self._mode is AutoresetMode.NEXT_STEP:

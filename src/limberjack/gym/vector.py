@@ -84,9 +84,7 @@ class Workers(Generic[_R]):
             raise RuntimeError(f"halves {self.busy} were sent: receive them with recv() first")
 
     def send(self, half: int, job: Callable[..., _R], *given: object) -> None:
-        """Have a half's thread call `job(*given)`."""
-        if half in self.busy:
-            raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
+        """Have a half's thread call `job(*given)`; it is not busy."""
         if half not in self._threads:
             self._threads[half] = ThreadPoolExecutor(1, f"limberjack-half-{half}")
         future = self._threads[half].submit(_in_turn, self._turn, job, given)
@@ -321,7 +319,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
                 steps.append(part.step(given))
         except BaseException:  # the other half's step is lost
             for part in self._parts:
-                part.restart()
+                part.batch.restart()
             raise
         observation, *masks, info = map(self._joined, zip(*steps, strict=True))
         reward, terminated, truncated = masks

@@ -28,7 +28,7 @@ from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.worlds.appearance.backdrop import on_green_screen
 from limberjack.worlds.appearance.colors import GREEN, repainted_floor, repainted_sky
 from limberjack.worlds.appearance.looks import Look
-from limberjack.worlds.appearance.viewpoint import Pose, Sphere, distracted, sphere_of, turned
+from limberjack.worlds.appearance.viewpoint import Pose, distracted, sphere_of, turned
 
 __all__ = ["behind", "dress", "dressed", "flags_for", "look_of", "staged"]
 
@@ -37,7 +37,6 @@ _FLAT = mujoco.mjtTexture.mjTEXTURE_2D.value
 _TRACKS = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM.value
 _COLOURS = mujoco.mjtTextureRole.mjTEXROLE_RGB.value
 _FLOOR, _BODY = "grid", "self"  # materials of the suite's common/materials.xml
-_FACES = 6  # of a sky
 _SAMPLED = 4099  # bytes from one to the next; a prime, so that they are of all channels
 _MOST_SKY = 256  # pixels of a side of a sky that is repainted; a film of 480 shows half of a side
 # Opacity of the floor before a background: DCS has 0 for the reacher, whose camera looks straight
@@ -296,19 +295,12 @@ def _moved(
     centre = np.zeros(3) if is_fixed else data.subtree_com[body]
     # DCS begins with the camera's place at the start of the episode. The model's initial pose gives
     # the same place to its cameras, which are fixed or keep their distance from the body.
-    begin = _start(pose, model, number, is_fixed)
+    begin = sphere_of(pose.position if is_fixed else model.cam_poscom0[number])
     distance = np.linalg.norm(pose.position - (_centre(model) if is_fixed else centre))
     lookat = pose.position - pose.axes[:, 2] * distance
     found = look.place(number, begin, data.time)
     assert found is not None
     return distracted(pose, *found, begin, centre, lookat)
-
-
-def _start(pose: Pose, model: mujoco.MjModel, number: int, is_fixed: bool) -> Sphere:
-    """The place on its sphere that the model gives a camera."""
-    if is_fixed:
-        return sphere_of(pose.position)
-    return sphere_of(model.cam_poscom0[number])
 
 
 def _centre(model: mujoco.MjModel) -> np.ndarray:

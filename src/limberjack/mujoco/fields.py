@@ -16,6 +16,7 @@ from limberjack.mujoco.wrapper.model import empty_model
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
+    "ACTUATORS",
     "COLUMN_NAMES",
     "OBJECTS",
     "RAGGED",
@@ -45,8 +46,6 @@ OBJECTS = {
     "neq": "eq",
     "ntendon": "tendon",
     "nactuator": "actuator",
-    "nu": "actuator",
-    "nout": "actuator",
     "nsensor": "sensor",
     "nnumeric": "numeric",
     "ntext": "text",
@@ -60,10 +59,13 @@ OBJECTS = {
 RAGGED = {
     "nq": ("jnt", "jnt_qposadr"),
     "nv": ("jnt", "jnt_dofadr"),
-    "na": ("actuator", "actuator_actadr"),
     "nsensordata": ("sensor", "sensor_adr"),
     "nnumericdata": ("numeric", "numeric_adr"),
 }
+
+# Those of actuators, and the field with the number of elements of each: activations, controls, and
+# outputs, of which most actuators have one.
+ACTUATORS = {"na": "actuator_actnum", "nu": "actuator_ctrlnum", "nout": "actuator_outnum"}
 
 COLUMN_NAMES = {
     "xyz": ["x", "y", "z"],
@@ -74,7 +76,7 @@ COLUMN_NAMES = {
 
 # Fields of MjModel: the size of the rows by the prefix before the first underscore.
 _MODEL_PREFIXES = {
-    **{size.removeprefix("n"): size for size in OBJECTS if size not in ("nu", "nout", "nplugin")},
+    **{size.removeprefix("n"): size for size in OBJECTS if size != "nplugin"},
     "dof": "nv",
 }
 # Exceptions, whose rows do not follow from their prefix.
@@ -82,8 +84,8 @@ _MODEL_ROWS = {
     "qpos0": "nq",
     "qpos_spring": "nq",
     "numeric_data": "nnumericdata",
-    "actuator_ctrlrange": "nu",
-    "actuator_ctrllimited": "nu",
+    **dict.fromkeys(("actuator_ctrlrange", "actuator_ctrllimited"), "nu"),
+    **{f"actuator_{name}": "nout" for name in ("gear", "acc0", "length0", "lengthrange")},
     "plugin": "nplugin",
     "plugin_attradr": "nplugin",
     "plugin_stateadr": "nplugin",
@@ -91,7 +93,7 @@ _MODEL_ROWS = {
     **dict.fromkeys(("M_rowadr", "M_rownnz", "D_diag", "D_rowadr", "D_rownnz"), "nv"),
     **dict.fromkeys(("B_rowadr", "B_rownnz"), "nbody"),
     **dict.fromkeys(("ten_J_rowadr", "ten_J_rownnz"), "ntendon"),
-    **{f"name_{kind}adr": size for size, kind in OBJECTS.items() if size not in ("nu", "nout")},
+    **{f"name_{kind}adr": size for size, kind in OBJECTS.items()},
 }
 # Fields that pool the data of all objects of a kind, so that rows do not correspond to objects.
 _MODEL_POOLS = (
@@ -174,8 +176,6 @@ def _model_row(field: str, shape: tuple[int, ...], model: mujoco.MjModel) -> str
     if field in _MODEL_POOLS.split():
         return None
     size = _MODEL_PREFIXES.get(field.split("_")[0])
-    if size == "nactuator" and not hasattr(model, size):
-        size = "nu"
     return size if size is not None and shape and shape[0] == getattr(model, size) else None
 
 

@@ -133,12 +133,12 @@ class Names:
         if size_name in fields.RAGGED:
             kind, address = fields.RAGGED[size_name]
             starts = getattr(model, address).ravel()
-            if size_name == "na":
-                sizes = np.where(starts == -1, 0, 1)
-            else:
-                sizes = np.diff(np.r_[starts, getattr(model, size_name)])
-            names = self._object_names(kind)
-            return Axis(names, sizes, singletons_are_scalars=size_name == "na", what=kind)
+            sizes = np.diff(np.r_[starts, getattr(model, size_name)])
+            return Axis(self._object_names(kind), sizes, what=kind)
+        if size_name in fields.ACTUATORS:
+            sizes = getattr(model, fields.ACTUATORS[size_name]).ravel()
+            names = self._object_names("actuator")
+            return Axis(names, sizes, singletons_are_scalars=True, what="actuator")
         kind = fields.OBJECTS[size_name]
         return Axis(self._object_names(kind), what=kind)
 

@@ -19,7 +19,7 @@ import numpy as np
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.model import empty_model
 
-__all__ = ["changed_fields", "checksums", "derived_fields", "identity"]
+__all__ = ["array_names", "changed_fields", "checksums", "derived_fields", "identity"]
 
 _DRAWN_ONLY = ("_rgba", "tex_data")  # suffixes of fields that affect only pictures
 
@@ -30,7 +30,7 @@ def checksums(model: mujoco.MjModel, leave_out: Container[str] = ()) -> dict[str
     Takes 0.2 ms, or 2 ms including texture pixels (`tex_data`).
     """
     found = {}
-    for name in _array_names():
+    for name in array_names():
         if name in leave_out:
             continue
         field = getattr(model, name)
@@ -88,7 +88,7 @@ def _numbers(model: mujoco.MjModel, varying: Sequence[str]) -> dict[str, int]:
 
 
 @functools.cache
-def _array_names() -> tuple[str, ...]:
+def array_names() -> tuple[str, ...]:
     """Array fields of MjModel, which are the same for all models."""
     return _names_of(empty_model(), np.ndarray)
 

@@ -17,6 +17,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from limberjack.mujoco.model_values import array_names
 from limberjack.mujoco.wrapper.util import to_native_string
 
 __all__ = ["Recompiler", "spec_of"]
@@ -40,10 +41,6 @@ def spec_of(mjcf: str | bytes, assets: Mapping[str, bytes]) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_string(text, include=files, assets=files)
 
 
-def _nothing(root: ElementTree.Element) -> None:
-    del root
-
-
 class Recompiler:
     """See the module's docstring."""
 
@@ -54,7 +51,7 @@ class Recompiler:
             name: _with_small_sky(content) if name.endswith(".xml") else content
             for name, content in assets.items()
         }
-        self._nominal = self._compiled(_nothing)
+        self._nominal = self._compiled(lambda root: None)
 
     def _compiled(self, edit: _Edit) -> mujoco.MjModel:
         root = ElementTree.fromstring(self._mjcf)
@@ -85,7 +82,7 @@ class Recompiler:
     def _differences(self, model: mujoco.MjModel) -> list[str]:
         """The array fields that differ from the nominal model's."""
         found = []
-        for name in _ARRAYS:
+        for name in array_names():
             one, other = getattr(self._nominal, name), getattr(model, name)
             if one.shape != other.shape or one.tobytes() != other.tobytes():
                 if one.shape != other.shape or name not in mujoco.batch.MODEL_FIELDS:
@@ -104,12 +101,3 @@ def _with_small_sky(mjcf: str | bytes) -> bytes:
             texture.set("width", _SMALL)
             texture.set("height", _SMALL)
     return ElementTree.tostring(root)
-
-
-def _arrays() -> tuple[str, ...]:
-    model = mujoco.MjModel.from_xml_string("<mujoco/>")
-    names = [name for name in dir(model) if not name.startswith("_")]
-    return tuple(name for name in names if isinstance(getattr(model, name), np.ndarray))
-
-
-_ARRAYS = _arrays()

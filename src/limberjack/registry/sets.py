@@ -40,30 +40,6 @@ class TaskSet:
 # See `find`.
 Tasks = str | TaskSet | Sequence[str] | Sequence[tuple[str, str]]
 
-# The 21 tasks that papers call easy and medium.
-_EASY_AND_MEDIUM = (
-    ("acrobot", "swingup"),
-    ("ball_in_cup", "catch"),
-    ("cartpole", "balance"),
-    ("cartpole", "balance_sparse"),
-    ("cartpole", "swingup"),
-    ("cartpole", "swingup_sparse"),
-    ("cheetah", "run"),
-    ("finger", "spin"),
-    ("finger", "turn_easy"),
-    ("finger", "turn_hard"),
-    ("fish", "swim"),
-    ("hopper", "stand"),
-    ("hopper", "hop"),
-    ("pendulum", "swingup"),
-    ("quadruped", "walk"),
-    ("quadruped", "run"),
-    ("reacher", "easy"),
-    ("reacher", "hard"),
-    ("walker", "stand"),
-    ("walker", "walk"),
-    ("walker", "run"),
-)
 # Those that DrQ-v2, which learns from pixels, calls hard are the three of the humanoid.
 _HARD = (
     ("dog", "stand"),
@@ -108,6 +84,8 @@ _MT30 = (
     ("hopper", "stand"),
     ("hopper", "hop"),
 )
+# The 21 tasks that papers call easy and medium.
+_EASY_AND_MEDIUM = (*_MT30, ("quadruped", "walk"), ("quadruped", "run"))
 _MORE_OF_MT30 = (
     ("walker", "walk_backwards"),
     ("walker", "run_backwards"),

@@ -40,7 +40,7 @@ from limberjack.suite._registration import (
     require,
     unregister,
 )
-from limberjack.utils.keywords import keywords, with_keyword
+from limberjack.utils.keywords import keywords, with_keywords
 from limberjack.utils.suggest import check_names, did_you_mean
 
 __all__ = [
@@ -180,7 +180,9 @@ def load(
         cannot be repeated in an environment of another class than `control.Environment`.
       TypeError: there is no such keyword.
     """
-    of_environment = _with_world(environment_kwargs, faults=faults, appearance=appearance)
+    of_environment = with_keywords(
+        "environment_kwargs", environment_kwargs, faults=faults, appearance=appearance
+    )
     environment = build_environment(
         domain_name, task_name, task_kwargs, of_environment or None, visualize_reward
     )
@@ -302,7 +304,9 @@ def load_batch(
         is True and the task cannot be vectorised.
       TypeError: there is no such keyword, or `rows` is given for one task.
     """
-    of_environment = _with_world(environment_kwargs, faults=faults, appearance=appearance)
+    of_environment = with_keywords(
+        "environment_kwargs", environment_kwargs, faults=faults, appearance=appearance
+    )
     how: dict[str, Any] = {  # Any: of `batch_of`
         "num_threads": num_threads,
         "seed": seed,
@@ -330,16 +334,6 @@ def load_batch(
     batch = batch_of(build, num_envs, **how)
     batch.registration = getattr(control_of(build.original), "registration", None)
     return batch
-
-
-def _with_world(
-    environment_kwargs: Mapping[str, object] | None, **options: object
-) -> dict[str, object]:
-    """The keyword arguments of an environment with options of the world that are not None."""
-    kwargs = keywords("environment_kwargs", environment_kwargs)
-    for name, value in options.items():
-        kwargs = with_keyword(name, value, kwargs, "environment_kwargs")
-    return kwargs
 
 
 def load_halves(

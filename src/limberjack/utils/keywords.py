@@ -1,12 +1,12 @@
 """Keyword arguments that a caller passes on in a mapping.
 
 kwargs = keywords("task_kwargs", {"random": 0})
-kwargs = with_keyword("time_limit", 2.0, {"random": 0}, "task_kwargs")
+kwargs = with_keywords("task_kwargs", {"random": 0}, time_limit=2.0)
 """
 
 from collections.abc import Mapping
 
-__all__ = ["keywords", "with_keyword"]
+__all__ = ["keywords", "with_keywords"]
 
 
 def keywords(name: str, given: Mapping[str, object] | None) -> dict[str, object]:
@@ -27,23 +27,22 @@ def keywords(name: str, given: Mapping[str, object] | None) -> dict[str, object]
         ) from None
 
 
-def with_keyword(
-    name: str, value: object, kwargs: Mapping[str, object] | None, where: str
+def with_keywords(
+    where: str, kwargs: Mapping[str, object] | None, **given: object
 ) -> dict[str, object]:
-    """The keyword arguments with one added, unless its value is None.
+    """The keyword arguments with others added.
 
     Args:
-      name: of the argument.
-      value: of the argument, which is also an argument of the caller's function.
-      kwargs: the others.
       where: their name, for messages.
+      kwargs: the keyword arguments.
+      given: the others, which are also arguments of the caller's function; None for those that are
+        not given.
 
     Raises:
-      TypeError: it is given twice, or `kwargs` is no mapping.
+      TypeError: one is given twice, or `kwargs` is no mapping.
     """
     known = keywords(where, kwargs)
-    if value is None:
-        return known
-    if name in known:
-        raise TypeError(f"{name} is given twice: once alone and once in {where}")
-    return {**known, name: value}
+    for name, value in given.items():
+        if value is not None and name in known:
+            raise TypeError(f"{name} is given twice: once alone and once in {where}")
+    return known | {name: value for name, value in given.items() if value is not None}

@@ -344,7 +344,7 @@ class Session:
             return ()
         low, high = bounds_to_try(spec)
         model = self.model
-        known = model.nu == spec.shape[0]
+        known = model.nactuator == model.nu == spec.shape[0]  # an actuator may have several
         names = [model.actuator(i).name if known else "" for i in range(spec.shape[0])]
         return tuple(
             Actuator(name or f"action {number}", float(low[number]), float(high[number]))

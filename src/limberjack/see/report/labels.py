@@ -167,9 +167,10 @@ def _of_field(model: "MjModel", name: str, unit: str, shape: Sequence[int]) -> l
         kept = bodies[model.nbody - model.nmocap :]
         rows = [_names(model, "body")[body] for body in kept]
     else:
-        kind = fields.RAGGED[size][0] if size in fields.RAGGED else fields.OBJECTS[size]
+        kinds = fields.OBJECTS | dict.fromkeys(fields.ACTUATORS, "actuator")
+        kind = fields.RAGGED[size][0] if size in fields.RAGGED else kinds[size]
         rows = _names(model, kind)
-    if len(rows) != shape[0]:  # objects with several numbers, as activations
+    if len(rows) != shape[0]:  # objects with several numbers, or none, as activations
         return []
     columns = _columns(shape)
     return [Label(f"{row}{column}", unit) for row in rows for column in columns]

@@ -3,7 +3,7 @@
     looks = Looks(Appearance.of("color_hard"), num_envs=4, control_timestep=0.02)
     looks.begin(2, stream)      # an episode begins in row 2; the stream is not advanced
     look = looks.of(2)
-    look.at(data.time)          # a `Scene`: the colours, textures and turns of this moment
+    look.background(data.time)  # also `colors` and `place`, of this moment, and `turns`
 
 A look depends on nothing but the state of the row's stream before its first episode, the number of
 the episode, and the time in it. A row therefore looks as the single environment with its seed, and

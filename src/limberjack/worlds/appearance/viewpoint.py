@@ -1,8 +1,8 @@
 """Poses of cameras, drawn for an episode.
 
     walk = CameraWalk(stream, start, scale=0.1, is_moving=True)
-    walk.at(3)                         # radius, two angles and roll after three changes
-    pose = distracted(pose, walk.at(3), start, lookat)
+    place, roll = walk.at(3)           # after three changes
+    pose = distracted(pose, place, roll, start, centre, lookat)
     pose = turned(pose, rotation(stream, 90.0))
 
 `CameraWalk` moves a camera on a sphere as the Distracting Control Suite does (camera.py),

@@ -194,13 +194,7 @@ class Perturber:
         return self
 
     def _edit(self, value: float) -> _Edit:
-        return functools.partial(_set, self._parameter.edit, value)
-
-
-def _set(
-    edit: Callable[[ElementTree.Element, float], None], value: float, root: ElementTree.Element
-) -> None:
-    edit(root, value)
+        return lambda root: self._parameter.edit(root, value)
 
 
 def _resolved(given: Perturbation, name: str, parameter: Parameter) -> Perturbation:
