@@ -483,3 +483,13 @@ def test_rewards_of_less_precision_are_added_in_float64(vectorised: bool) -> Non
         rewards = [np.float64(by_hand.step([0.5]).reward) for _ in range(3)]
         reward = single.step([0.5]).reward
         assert reward == batch.step([[0.5]]).reward[0] == sum(rewards)
+
+
+def test_success_is_that_of_the_last_step_after_another_repeat_was_set() -> None:
+    env = suite.load("acrobot", "swingup", {"random": 1})
+    env.reset()
+    env.action_repeat = 4
+    env.step(np.zeros(1))
+    before = env.success
+    env.action_repeat = 1
+    assert env.success == before

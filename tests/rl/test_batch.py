@@ -508,3 +508,20 @@ def test_a_start_that_would_change_textures_is_refused_by_name() -> None:
 def test_seeds_that_are_no_sequence_are_refused_by_name(seeds: Any) -> None:
     with pytest.raises(TypeError, match=r"seeds is .*; expected a sequence of 4, one for each row"):
         _walkers().reset(None, seeds)
+
+
+def test_a_batch_has_the_record_of_its_domain_and_copies_keep_the_seeds() -> None:
+    single = suite.load("pendulum", "swingup", {"random": 0})
+    batch = BatchEnvironment.from_environment(single, 3, 1, seed=4)
+    assert batch.registration is single.registration is not None
+    assert "seeds 4 to 6" in repr(copy.deepcopy(batch))
+
+
+def test_a_reset_ends_the_report_of_a_divergence() -> None:
+    batch = suite.load_batch("pendulum", "swingup", 3, 1, seed=0)
+    batch.reset()
+    batch.physics.data.qpos[1] = np.nan
+    batch.step(np.zeros((3, 1)))
+    assert batch.diverged.tolist() == [False, True, False]
+    batch.reset([1])
+    assert not batch.diverged.any()

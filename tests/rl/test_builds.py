@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.rl import builds
+from limberjack.rl import batch_of, builds
 from limberjack.rl.builds import Build, takes_a_seed
 from tests import plain_domain
 
@@ -268,3 +268,36 @@ def _unknown(seed: int) -> Any:
 def test_a_setting_that_is_nan_equals_itself() -> None:
     assert builds.is_reproducible(Build.of(_unknown), 0)
     assert builds.is_stable(Build.of(_unknown), 0)
+
+
+_SETTINGS: dict[str, Any] = {
+    "a NumPy number": lambda random: random.integers(1, 10**9),
+    "a list": lambda random: [random.uniform(), [random.uniform()]],
+    "a tuple of arrays": lambda random: (random.uniform(size=2), random.uniform(size=3)),
+    "a mapping": lambda random: {"gain": random.uniform(size=2)},
+}
+
+
+@pytest.mark.parametrize("kind", _SETTINGS)
+def test_settings_that_are_drawn_from_the_seed_belong_to_its_rows(kind: str) -> None:
+    def make(seed: int) -> Any:
+        env = odd.environment(odd.Pole, seed)
+        env.task.setting = _SETTINGS[kind](np.random.default_rng(seed))
+        return env
+
+    assert not builds.is_stable(Build.of(make), 0)
+    batch = batch_of(make, 2, seed=0)
+    batch.reset(seeds=[4, 5])
+    for row, env in enumerate(batch.get_attr("task")):
+        np.testing.assert_equal(env.setting, make(4 + row).task.setting)
+
+
+def test_settings_that_are_alike_are_stable() -> None:
+    def make(seed: int) -> Any:
+        env = odd.environment(odd.Pole, seed)
+        loop: list[Any] = [np.array([np.nan, 1.0]), {"a": (1, None)}, object()]
+        loop.append(loop)
+        env.task.setting = loop
+        return env
+
+    assert builds.is_stable(Build.of(make), 0)

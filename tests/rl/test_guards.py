@@ -90,14 +90,12 @@ def test_other_rows_are_refused(ids: object, message: str) -> None:
 # Seeds.
 
 
-def test_each_seed_gives_its_stream_and_none_gives_none() -> None:
+def test_each_row_has_its_seed_and_none_stays_none() -> None:
     seeds: Any = [3, None, np.int32(5)]
-    first, none, third = guards.streams_of_seeds(seeds, 3)
-    assert none is None
-    for stream, seed in ((first, 3), (third, 5)):
-        assert stream is not None
-        assert stream.uniform() == np.random.RandomState(seed).uniform()
-    assert guards.streams_of_seeds(None, 2) == [None, None]
+    assert guards.seeds_of_rows(seeds, 3) == [3, None, 5]
+    array: Any = np.array([7])
+    assert guards.seeds_of_rows(array, 1) == [7]
+    assert guards.seeds_of_rows(None, 2) == [None, None]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +110,7 @@ def test_each_seed_gives_its_stream_and_none_gives_none() -> None:
 )
 def test_other_seeds_are_refused(seeds: Any, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
-        guards.streams_of_seeds(seeds, 2)
+        guards.seeds_of_rows(seeds, 2)
 
 
 # Actions.

@@ -590,3 +590,25 @@ def test_a_part_of_a_snapshot_has_its_rows_in_order() -> None:
     many.reset()
     with pytest.raises(ValueError, match="expected them in their order"):
         many.snapshot().part(np.array([3, 0]))
+
+
+def test_the_length_of_episodes_is_one_of_whole_actions() -> None:
+    many = _many(action_repeat=2)
+    many.step_limit = 5
+    assert {task.episode_length for task in many.tasks} == {3}
+
+
+def test_an_empty_part_of_a_snapshot_has_no_rows() -> None:
+    many = _many()
+    many.reset()
+    assert len(many.snapshot().part(np.array([], int))) == 0
+
+
+def test_rows_with_a_goal_are_known_whichever_is_read_last() -> None:
+    many = suite.load_batch(["reacher:easy", "cheetah:run"], rows=1, seed=0)
+    many.reset()
+    many.step(np.zeros(many.action_spec().shape))
+    assert many.success is not None
+    assert many.reward_terms
+    goals = [task.has_goal for task in many.tasks]
+    assert many.rows_with("success").tolist() == goals

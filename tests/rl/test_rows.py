@@ -628,3 +628,25 @@ def test_a_row_that_is_cut_off_at_the_limit_is_reset_although_its_environment_go
     batch.step_limit = 3
     kinds = [batch.step(np.zeros((2, 1))).step_type.tolist() for _ in range(9)]
     assert kinds == [[0, 0], [1, 1], [1, 1], [2, 2]] * 2 + [[0, 0]]
+
+
+def test_seeds_may_be_an_array() -> None:
+    build = functools.partial(odd.of_task, odd.Queues)
+    for count in (1, 3):
+        batch = RowsEnvironment(build, count, 1, seed=9)
+        seeds: Any = np.arange(count)
+        found = batch.reset(seeds=seeds).observation["position"]
+        singles = [build(seed).reset().observation["position"] for seed in range(count)]
+        np.testing.assert_array_equal(found, singles)
+
+
+def test_a_row_with_attributes_of_its_own_is_noticed_before_any_is_restored() -> None:
+    batch = RowsEnvironment(functools.partial(odd.of_task, odd.Pole), 2, 1, seed=0)
+    batch.reset()
+    snapshot = batch.snapshot()
+    for _ in range(2):
+        batch.step(np.ones((2, 1)))
+    vars(batch.environments[1])["tag"] = 1
+    with pytest.raises(ValueError, match="expected copies .*; nothing was restored"):
+        batch.restore(snapshot)
+    assert [env._step_count for env in batch.environments] == [2, 2]

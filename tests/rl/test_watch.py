@@ -2,7 +2,9 @@
 
 import collections
 import functools
+import os
 import random
+import signal
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -170,6 +172,45 @@ def test_values_that_refer_to_each_other_end_the_comparison() -> None:
         assert watch.changed() == []
         task.table["a"]["b"].append(1)
         assert watch.changed() == ["self.table"]
+
+
+def test_attributes_of_a_class_may_be_exchanged_for_others() -> None:
+    class Changing(_Task):
+        one = 1
+
+        def helper(self) -> None: ...
+
+    task, (_, physics) = Changing(), _watched()
+    with Watch(task, physics) as watch:
+        del Changing.one
+        Changing.other = 2  # pyright: ignore[reportAttributeAccessIssue]
+        assert watch.changed() == ["Changing.one", "Changing.other"]
+        Changing.helper = 3  # pyright: ignore[reportAttributeAccessIssue]
+        assert watch.changed() == ["Changing.helper"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_process_that_is_forked_while_another_thread_watches_can_watch() -> None:
+    watching, done = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        with Watch(*_watched()):
+            watching.set()
+            done.wait()
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    watching.wait()
+    child = os.fork()
+    if child == 0:
+        signal.alarm(10)  # ends it if it waits for ever
+        with Watch(*_watched()) as one:
+            os._exit(len(one.changed()))
+    _, status = os.waitpid(child, 0)
+    done.set()
+    thread.join()
+    assert status == 0
 
 
 def test_two_threads_watch_one_after_the_other() -> None:

@@ -71,7 +71,6 @@ class Starts:
           ValueError: see `BatchEnvironment.from_environment`.
         """
         self.batch = BatchEnvironment.from_environment(environment, _AT_ONCE, 1, seed=0)
-        self.batch.registration = environment._ours.registration
         self._simulation = self.batch.physics.simulation
         kinds = {
             "state": STATE_FIELDS,

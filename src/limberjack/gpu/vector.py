@@ -457,9 +457,7 @@ def load_vector(
       TypeError: an argument is unknown; the message suggests the nearest name.
       MemoryError: this many rows do not fit into the device's memory.
     """
-    of_environment = with_keywords(
-        "environment_kwargs", environment_kwargs, randomize=randomize
-    )
+    of_environment = with_keywords("environment_kwargs", environment_kwargs, randomize=randomize)
     for name, value in (("pixels", pixels), ("render_mode", render_mode)):
         given = of_environment.get(name) if value is None else value
         if given is not None:

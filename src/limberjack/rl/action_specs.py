@@ -49,13 +49,8 @@ def bounded_spec(task: Task, physics: Physics) -> specs.BoundedArray:
       ValueError: the task maps actions itself but inherits the spec, and does not accept actions of
         that spec or ignores some of their elements.
     """
-    spec = task.action_spec(physics)
     name = type(task).__name__
-    if not isinstance(spec, specs.BoundedArray):
-        raise TypeError(
-            f"action_spec of task {name} is {spec!r}; expected a dm_env.specs.BoundedArray, which "
-            "batches, Gymnasium and the policies 'random' and 'zero' rely on"
-        )
+    spec = _bounded(task.action_spec(physics), f"task {name}")
     if _maps_actions(task):
         with put_back_after():
             problem = _problem(spec, _effect(task, physics))
@@ -76,12 +71,15 @@ def spec_of(env: dm_env.Environment) -> specs.BoundedArray:
     if difference(env) is None:
         plain: Any = env  # a `control.Environment`, whose module imports this one
         return bounded_spec(plain.task, plain.physics)
-    spec = env.action_spec()
+    return _bounded(env.action_spec(), type(env).__name__)
+
+
+def _bounded(spec: object, owner: str) -> specs.BoundedArray:
+    """The spec, if agents can use it."""
     if not isinstance(spec, specs.BoundedArray):
         raise TypeError(
-            f"action_spec of {type(env).__name__} is {spec!r}; expected a "
-            "dm_env.specs.BoundedArray, which batches, Gymnasium and the policies 'random' and "
-            "'zero' rely on"
+            f"action_spec of {owner} is {spec!r}; expected a dm_env.specs.BoundedArray, which "
+            "batches, Gymnasium and the policies 'random' and 'zero' rely on"
         )
     return spec
 

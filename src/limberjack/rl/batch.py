@@ -47,10 +47,10 @@ from limberjack.rl.given_state import state_sizes
 from limberjack.rl.late_changes import LateChanges
 from limberjack.rl.memory import Memory, remembered
 from limberjack.rl.pixels import Frames, Pixels
-from limberjack.rl.randomize import show_drawn
+from limberjack.rl.randomize import show_drawn, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
-from limberjack.rl.streams import Streams, check_limit
+from limberjack.rl.streams import Streams, check_limit, set_stream_fields
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
@@ -99,6 +99,7 @@ class BatchEnvironment(Batch):
         proved = is_proved(env.task, env.physics, env._ours.randomizer)
         self._task = task = _task_of(env, proved)
         self.name = env._ours.name or type(task).__name__
+        self.registration = env._ours.registration
         self._n_sub_steps, self._flat_observation = env._n_sub_steps, env._flat_observation
         threads = threads_for(num_threads, num_envs, env)
         # Any: of the domain's own physics.
@@ -170,20 +171,20 @@ class BatchEnvironment(Batch):
     ) -> dm_env.TimeStep:
         """See `Batch`."""
         rows = self._numbers(ids)
-        streams = guards.streams_of_seeds(seeds, len(rows))
+        of_rows = guards.seeds_of_rows(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             self._replicas.check()
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
-            for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
-                if stream is not None and seeds is not None:
-                    self._streams.replace(row, stream, seeds[i])
+            for row, seed in zip(rows.tolist(), of_rows, strict=True):
+                if seed is not None:
+                    self._streams.replace(row, np.random.RandomState(seed), seed)
                     self._memory.begin_again([row])
                     if self._faults is not None:
                         self._faults.begin_again([row])
                     self._begin_streams([row])
             self._begin(rows)
             observation = self._observe(self._mask(rows), is_step=False)
-            self._begins[rows] = False
+            self._begins[rows] = self.diverged[rows] = False
         return self._counter.shown(observation)
 
     def step(self, actions: npt.ArrayLike) -> dm_env.TimeStep:
@@ -446,8 +447,9 @@ class BatchEnvironment(Batch):
             self._frames.schedule = schedule
         self._replicas.looks = self._looks
         diverged, has_observed = self.diverged.copy(), self._has_observed.copy()
+        seeds = list(self._seeds)
         self.restore(snapshot)
-        self.diverged, self._has_observed = diverged, has_observed
+        self.diverged, self._has_observed, self._seeds[:] = diverged, has_observed, seeds
 
     @functools.cached_property
     def _origin(self) -> dict[str, object]:
@@ -571,13 +573,15 @@ class BatchEnvironment(Batch):
 
         Fields that only some starts set have the values from before the first episode.
         """
-        simulation = self._replicas.simulation
+        simulation, streams = self._replicas.simulation, self._streams
         for row in rows:
-            if self._stagger is not None:  # before the task draws from the streams
-                self._stagger.draw(row, self._streams.own[row])
+            own = streams.own[row]
+            if self._stagger is not None:  # before the task draws from the stream
+                self._stagger.draw(row, own)
             if self._first_fields:
                 simulation.set_fields(self._first_fields, row)
-        self._streams.begin(rows, self._task, simulation)
+            if set_stream_fields(self._task, own, simulation, row):
+                streams.beside[row] = stream_beside(own)
 
     def _limits(self, rows: np.ndarray) -> np.ndarray | None:
         """The limits of rows as a snapshot holds them."""

@@ -13,6 +13,7 @@ belong to it are drawn again, and what its task remembers is put back. Any other
 
 import contextlib
 import copy
+import functools
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, cast
@@ -26,7 +27,7 @@ from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference
 from limberjack.rl.memory import Memory, put_back, remembered
 from limberjack.rl.observations import specs_of
-from limberjack.rl.references import attributes_of
+from limberjack.rl.references import ATOMS, attributes_of
 from limberjack.utils.seeds import checked_seed
 
 __all__ = [
@@ -50,6 +51,7 @@ Make = Callable[..., dm_env.Environment]
 
 _OTHER_SEED = 1  # added to a seed, to compare what a function makes of two
 _STEPS_OF_AN_OPENING = 10
+_DEEPEST = 5  # of lists and mappings in a setting that is compared
 _HAND_ON = (
     "hand its seed on to the task, as in suite.load(domain, task, {'random': seed}), and draw from "
     "task.random"
@@ -116,7 +118,8 @@ class Build:
         try:
             return cls.of(environment)
         except TypeError as error:
-            return cls(_Refusal(str(error)), type(environment).__name__)
+            refuse = functools.partial(_refuse, str(error))
+            return cls(refuse, type(environment).__name__)
 
     @property
     def copies(self) -> bool:
@@ -162,14 +165,10 @@ class Build:
         return Seeded(self, self.make(seed, context), dict(context or {}), stable)
 
 
-class _Refusal:
+def _refuse(reason: str, seed: int) -> dm_env.Environment:
     """Raises the reason why an environment has no copies."""
-
-    def __init__(self, reason: str) -> None:
-        self._reason = reason
-
-    def __call__(self, seed: int) -> dm_env.Environment:
-        raise TypeError(self._reason)
+    del seed
+    raise TypeError(reason)
 
 
 class _Copies:
@@ -439,20 +438,22 @@ def _settings(env: dm_env.Environment) -> object:
         return None
     assert isinstance(env, Environment)
     task = env.task
-    comparable = (bool, int, float, str, bytes, type(None), tuple, np.ndarray)
-    attributes = {
-        name: _comparable(value)
-        for name, value in attributes_of(task).items()
-        if isinstance(value, comparable)
-    }
+    attributes = {name: _comparable(value) for name, value in attributes_of(task).items()}
     return type(task), env._step_limit, env.control_timestep(), attributes, numbers_of(env)
 
 
-def _comparable(value: object) -> object:
-    """A value that is equal to another one of the same bits, also if it is NaN."""
-    if isinstance(value, np.ndarray):
-        return value.tobytes()
-    return value.hex() if isinstance(value, float) else value
+def _comparable(value: object, depth: int = _DEEPEST) -> object:
+    """What is equal for values of the same bits, also if they are NaN; else their class alone."""
+    if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, float):
+        return value.hex()
+    if isinstance(value, list | tuple) and depth:
+        return type(value), [_comparable(one, depth - 1) for one in value]
+    if isinstance(value, Mapping) and depth:
+        pairs = value.items()
+        return type(value), [(_comparable(k, 0), _comparable(v, depth - 1)) for k, v in pairs]
+    return value if isinstance(value, ATOMS) else type(value)
 
 
 def numbers_of(env: Environment) -> object:

@@ -99,7 +99,7 @@ class _Additions:
       first: the task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
       first_fields: its EPISODE_FIELDS before that, by name.
       reward_terms: of the last step, by name.
-      last_terms: of the last of several control steps.
+      last_terms: of the last control step.
       reward_so_far: of a step's control steps, also of one that diverges.
       randomization: drawn for this episode, by field.
     """
@@ -118,7 +118,7 @@ class _Additions:
     first: Mapping[str, object] | None = None
     first_fields: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     reward_terms: dict[str, Quantity] = dataclasses.field(default_factory=dict)
-    last_terms: Mapping[str, Quantity] | None = None
+    last_terms: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
     reward_so_far: Quantity = 0.0
     randomization: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
@@ -343,11 +343,12 @@ class Environment(dm_env.Environment):
             reward = reward.copy()
         if ours.faults is not None:
             reward = ours.faults.reward(reward)
+        ours.last_terms = terms
         if ours.action_repeat == 1:
             ours.reward_terms = terms
         else:
             reward = ours.reward_so_far = ours.reward_so_far + reward
-            sums, ours.last_terms = ours.reward_terms, terms
+            sums = ours.reward_terms
             ours.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
         observation = task.get_observation(physics)
         if ours.faults is not None:
@@ -474,11 +475,7 @@ class Environment(dm_env.Environment):
     @overridable
     def success(self) -> bool | None:
         """Whether the last step reached the goal; None for a task without a goal."""
-        ours = self._ours
-        terms: Mapping[str, Quantity] = ours.reward_terms
-        if ours.action_repeat != 1 and ours.last_terms is not None:
-            terms = ours.last_terms
-        success = success_of(self._task, terms)
+        success = success_of(self._task, self._ours.last_terms)
         return None if success is None else bool(success)
 
     @overridable

@@ -21,7 +21,7 @@ __all__ = [
     "check_memory",
     "first_seed",
     "raises_on_divergence",
-    "streams_of_seeds",
+    "seeds_of_rows",
     "yes_or_no",
 ]
 
@@ -182,10 +182,8 @@ def first_seed(seed: int | None, count: int) -> int:
     return first_of_seeds(np.random.RandomState().randint(2**31) if seed is None else seed, count)
 
 
-def streams_of_seeds(
-    seeds: Sequence[int | None] | None, count: int
-) -> list[np.random.RandomState | None]:
-    """A random stream for each seed; None where the seed is None.
+def seeds_of_rows(seeds: Sequence[int | None] | None, count: int) -> list[int | None]:
+    """The seed of each row; None for a row that keeps its stream.
 
     Raises:
       ValueError, TypeError: the number of seeds differs from `count`, or see `checked_seed`.
@@ -196,7 +194,7 @@ def streams_of_seeds(
         raise TypeError(f"seeds is {seeds!r}; expected a sequence of {count}, one for each row")
     if len(seeds) != count:
         raise ValueError(f"there are {len(seeds)} seeds; expected {count}, one for each row")
-    return [None if seed is None else np.random.RandomState(checked_seed(seed)) for seed in seeds]
+    return [None if seed is None else checked_seed(seed) for seed in seeds]
 
 
 def check_actions(

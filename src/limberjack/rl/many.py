@@ -41,7 +41,7 @@ from limberjack.rl.copies import control_of
 from limberjack.rl.represented import Description
 from limberjack.rl.reward_terms import has_goal
 from limberjack.rl.snapshot import Snapshot, as_snapshot
-from limberjack.rl.threads import RowThreads, interrupts
+from limberjack.rl.threads import RowThreads
 from limberjack.utils.arrays import Quantity, any_of
 from limberjack.utils.cores import usable_cores
 
@@ -111,9 +111,7 @@ class TaskOfMany:
             sum(map(math.prod, shapes)),
             math.prod(spec.shape),
             spec,
-            math.ceil(batch.step_limit / batch.action_repeat)
-            if math.isfinite(batch.step_limit)
-            else math.inf,
+            _actions(batch.step_limit, batch.action_repeat),
             batch.control_timestep(),
             batch.action_repeat,
             has_goal(_task_of(batch)),
@@ -211,6 +209,8 @@ class ManySnapshot(Snapshot):
             for part, first in zip(self.parts, bounds[:-1].tolist(), strict=True)
         ]
         taken = [part.part(here) for part, here in chosen if here.size]
+        if not taken:
+            return self.parts[0].part(numbers)
         return taken[0] if len(taken) == 1 else ManySnapshot.of(taken)
 
 
@@ -293,7 +293,8 @@ class ManyTasks(Batch):
         self.tasks = tuple(tasks)
         self.name = _named([task.name for task in self.tasks])
         self._action_repeat = self.parts[0].action_repeat
-        of_parts = [_find(self.tasks, part.name) for part in self.parts]
+        names = [task.name for task in self.tasks]
+        of_parts = [names.index(part.name) for part in self.parts]
         self._tasks_of = [self.tasks[number] for number in of_parts]
         self._set_masks(np.repeat(of_parts, sizes))
         self._action_spec = guards.batched_spec(self.single_action_spec(), self.num_envs)
@@ -325,7 +326,7 @@ class ManyTasks(Batch):
     ) -> dm_env.TimeStep:
         """See `Batch`."""
         rows = self._numbers(ids)
-        guards.streams_of_seeds(seeds, len(rows))  # raises for invalid ones
+        of_rows = guards.seeds_of_rows(seeds, len(rows))
         of_parts = dict(self._split(rows))
         with self._use:
 
@@ -333,8 +334,7 @@ class ManyTasks(Batch):
                 local, index = of_parts.get(number, (np.zeros(0, int), []))
                 if not len(local) and self._present[number] is not None:
                     return
-                own = None if seeds is None else [seeds[i] for i in index]
-                self._present[number] = self.parts[number].reset(local, own)
+                self._present[number] = self.parts[number].reset(local, [of_rows[i] for i in index])
 
             self._do(begin)
             self._returns[rows], self._lengths[rows], self._are_whole[rows] = 0.0, 0, True
@@ -379,12 +379,9 @@ class ManyTasks(Batch):
                 f"actions have shape {given.shape}; expected {self.action_mask.shape}: one row for "
                 "each environment, as long as the longest action; nothing was stepped"
             )
-        bad = not_finite(given)
-        if bad is not None:
-            rows = np.flatnonzero((bad & self.action_mask).any(axis=1) & ~self.begins)
-            if rows.size:
-                named = (rows + self.first_row).tolist()
-                raise ValueError(f"actions are not finite in rows {named}; nothing was stepped")
+        if not_finite(given) is not None:
+            taken = np.where(self.action_mask, given, 0)
+            guards.check_actions(taken, self.num_envs, self.begins, self.first_row)
         return given
 
     def _do(self, job: Callable[[int], object]) -> None:
@@ -399,13 +396,14 @@ class ManyTasks(Batch):
         try:
             errors = self._threads.share(job, order, threads)
             if errors:
-                first = min(errors, key=lambda one: (isinstance(one[1], Exception), one[0]))
-                raise self._described(*first, is_interrupt=interrupts(errors))
+                raise self._described(
+                    *min(errors, key=lambda one: (isinstance(one[1], Exception), one[0]))
+                )
         except BaseException:
             self.restart()
             raise
 
-    def _described(self, number: int, error: BaseException, is_interrupt: bool) -> BaseException:
+    def _described(self, number: int, error: BaseException) -> BaseException:
         """The error of the batch of one task, with a note of its rows."""
         rows = self.rows_of[number]
         note = (
@@ -413,7 +411,7 @@ class ManyTasks(Batch):
             f"{rows.stop - 1 + self.first_row}; the rows of all tasks begin an episode with the "
             "next step"
         )
-        if not is_interrupt and note not in getattr(error, "__notes__", ()):
+        if isinstance(error, Exception) and note not in getattr(error, "__notes__", ()):
             error.add_note(note)
         return error
 
@@ -568,7 +566,7 @@ class ManyTasks(Batch):
     @property
     def reward_terms(self) -> dict[str, Quantity]:
         """See `Batch`; zero in rows of tasks without the term, which `rows_with` leaves out."""
-        self._rows_with = {}
+        self._rows_with = {n: mask for n, mask in self._rows_with.items() if n == "success"}
         found: dict[str, np.ndarray] = {}
         for rows, part in zip(self.rows_of, self.parts, strict=True):
             for name, values in part.reward_terms.items():
@@ -615,7 +613,7 @@ class ManyTasks(Batch):
     def step_limit(self, limit: float) -> None:
         for part in self.parts:
             part.step_limit = limit
-        lengths = {part.name: limit / part.action_repeat for part in self.parts}
+        lengths = {part.name: _actions(limit, part.action_repeat) for part in self.parts}
         self.tasks = tuple(
             dataclasses.replace(task, episode_length=lengths.get(task.name, task.episode_length))
             for task in self.tasks
@@ -726,8 +724,9 @@ def _task_of(batch: Batch) -> object:
     return getattr(control_of(environments[0]) if environments else batch, "task", None)
 
 
-def _find(tasks: Sequence[TaskOfMany], name: str) -> int:
-    return [task.name for task in tasks].index(name)
+def _actions(steps: float, repeat: int) -> float:
+    """The actions of an episode of so many control steps; infinite without a limit."""
+    return math.ceil(steps / repeat) if math.isfinite(steps) else math.inf
 
 
 def _named(names: Sequence[str]) -> str:

@@ -47,10 +47,16 @@ class shift:  # noqa: N801
         return nominal + random.uniform(self.lower, self.upper, nominal.shape)
 
 
-def stream_beside(random: np.random.RandomState) -> np.random.RandomState:
-    """A stream seeded from the current state of another stream, which is not advanced."""
+def stream_beside(random: np.random.RandomState, *apart: int) -> np.random.RandomState:
+    """A stream seeded from the current state of another stream, which is not advanced.
+
+    Args:
+      random: the other stream.
+      apart: numbers that set the stream apart from others beside the same one.
+    """
     _, key, position, *_ = random.get_state(legacy=True)
-    return np.random.RandomState(np.append(np.asarray(key, np.uint32), np.uint32(position)))
+    seed = np.append(np.asarray(key, np.uint32), np.array([position, *apart], np.uint32))
+    return np.random.RandomState(seed)
 
 
 class Randomizer:

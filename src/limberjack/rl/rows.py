@@ -50,7 +50,7 @@ from limberjack.rl.builds import (
 )
 from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment, set_action_repeat, shown_by
-from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
+from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.randomize import show_drawn
@@ -191,14 +191,15 @@ class RowsEnvironment(Batch):
     def _set_counters(self) -> None:
         """Sets the counters of rows that have not begun an episode."""
         env = self.environments[0]
-        self.registration = getattr(control_of(env), "registration", None)
+        self.registration = shown_by(control_of(env), "registration")
         self.name = task_name(env)
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         self._steps = np.zeros(self.num_envs, int)
         # Reward terms of rows whose `step` is called repeatedly.
         self._summed_terms: dict[int, Mapping[str, float]] = {}
         # Stepping these begins their next episode; others must be reset.
-        self._has_ended = np.array([_begins_if_stepped(one) for one in self.environments])
+        inside = map(control_of, self.environments)
+        self._has_ended = np.array([not shown_by(one, "is_running", False) for one in inside])
         self._timed_out = np.zeros(self.num_envs, bool)
         self._observation = self._empty()
 
@@ -212,11 +213,10 @@ class RowsEnvironment(Batch):
     ) -> dm_env.TimeStep:
         """See `Batch`."""
         rows = self._numbers(ids)
-        guards.streams_of_seeds(seeds, len(rows))  # raises for invalid ones
+        by_row = dict(zip(rows.tolist(), guards.seeds_of_rows(seeds, len(rows)), strict=True))
         with self._use:
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
             self._has_ended[rows] = False
-            by_row = dict(zip(rows.tolist(), seeds or [None] * len(rows), strict=True))
 
             def begin(row: int) -> dm_env.TimeStep:
                 seed = by_row[row]
@@ -387,11 +387,12 @@ class RowsEnvironment(Batch):
     def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
         """See `Batch`."""
         numbers = self._numbers(rows)
-        first = numbers[0] if numbers.size else 0
-        if as_snapshot(snapshot).copies or not self._rows[first].is_plain:
-            own = Snapshot.of_copy(self._rows[first].environment)
+        chosen = [self._rows[row] for row in numbers.tolist() or [0]]
+        odd = [row for row in chosen if difference(row.environment) is not None]
+        if as_snapshot(snapshot).copies or odd:
+            own = Snapshot.of_copy((odd or chosen)[0].environment)
         else:
-            own = self._saved(first, as_copy=False)
+            own = self._saved(numbers[0] if numbers.size else 0, as_copy=False)
         snapshot.check_all(own, len(numbers), self.step_limit)
         with self._use:
             for index, row in enumerate(numbers.tolist()):
@@ -693,12 +694,6 @@ def _inside(env: dm_env.Environment) -> Environment:
         f"a {type(env).__name__} has no limberjack.rl.control.Environment inside, whose state "
         "could be kept"
     )
-
-
-def _begins_if_stepped(env: dm_env.Environment) -> bool:
-    """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
-    inner = control_of(env)
-    return not (isinstance(inner, Environment) and Environment.is_running.of(inner))
 
 
 def _checked_contexts(

@@ -23,7 +23,7 @@ which is drawn from a separate stream. No draw of the task changes, and later ep
 import contextlib
 import math
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -44,7 +44,7 @@ __all__ = [
 
 # Tasks whose streams have begun, by id.
 _have_fields: "weakref.WeakValueDictionary[int, Task]" = weakref.WeakValueDictionary()
-_OWN = np.uint32(1)  # keeps the stream apart from the one of `randomize`
+_OWN = 1  # keeps the stream apart from the one of `randomize`
 _FULL = 1.0  # share of the limit of an episode that is not cut short
 
 
@@ -60,9 +60,7 @@ class Stagger:
 
     def draw(self, row: int, stream: np.random.RandomState) -> None:
         """Draws the length of the first episode of a stream, which is not advanced."""
-        _, key, position, *_ = stream.get_state(legacy=True)
-        state = [*np.asarray(key, np.uint32).tolist(), int(position), int(_OWN)]
-        self.shares[row] = np.random.RandomState(np.array(state, np.uint32)).uniform()
+        self.shares[row] = stream_beside(stream, _OWN).uniform()
 
     def with_limits(self, limits: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """The limits and shares of rows as a snapshot holds them, (n, 2)."""
@@ -170,16 +168,6 @@ class Streams:
         self.seeds[row] = seed
         self.own[row] = stream
         self.beside[row] = stream_beside(stream)
-
-    def begin(self, rows: Iterable[int], task: Task, simulation: Simulation) -> None:
-        """Draws and sets the model fields that belong to the new streams of rows.
-
-        Raises:
-          ValueError: see `set_stream_fields`.
-        """
-        for row in rows:
-            if set_stream_fields(task, self.own[row], simulation, row):
-                self.beside[row] = stream_beside(self.own[row])
 
     def save(self, rows: np.ndarray, with_beside: bool) -> list[States]:
         """States of rows' streams: of `own`, or of `own` and `beside`."""

@@ -25,7 +25,6 @@ import inspect
 import itertools
 import operator
 import random
-import threading
 import types
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -36,11 +35,12 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl.references import ATOMS, attributes_of, cells_of
 from limberjack.rl.shared_streams import state_of
+from limberjack.utils.turns import Turn
 
 __all__ = ["MEASUREMENT", "RECORDS", "QuickWatch", "Watch", "measurements_of"]
 
 # Classes are changed while a watch is on, so that there is one at a time.
-_one_at_a_time = threading.RLock()
+_one_at_a_time = Turn()
 
 _MOST_BYTES = 2**16  # of an array that a `QuickWatch` compares
 _NOTHING = object()  # an attribute that is missing
@@ -58,7 +58,6 @@ class Watch:
     def __init__(self, task: object, physics: object, declared: Sequence[str] = ()) -> None:
         """Takes a task, its physics, and the names of attributes that the task may change."""
         self._declared = frozenset(declared)
-        self._in_classes: dict[type, tuple[int, Sequence[str]]] = {}  # sizes, and names of values
         self._owners = {"self": task, "physics": physics}
         self._assigned: list[str] = []
         self._patched: list[tuple[type, object]] = []
@@ -68,7 +67,8 @@ class Watch:
         self._before: dict[str, object] = {}
 
     def __enter__(self) -> Self:
-        _one_at_a_time.acquire()
+        self._lock = _one_at_a_time.lock
+        self._lock.acquire()
         try:
             for label, owner in self._owners.items():
                 self._record(label, owner)
@@ -85,7 +85,7 @@ class Watch:
             else:
                 cls.__setattr__ = original  # pyright: ignore[reportAttributeAccessIssue]
         self._patched.clear()
-        _one_at_a_time.release()
+        self._lock.release()
 
     def changed(self) -> list[str]:
         """Sorted names of what was assigned or changed since the last call, or since entering."""
@@ -122,17 +122,9 @@ class Watch:
                 if name not in allowed and _is_watched(name, value):
                     found[f"{label}.{name}"] = frozen(value)
             for cls in type(owner).__mro__:
-                for name in self._names_in(cls):
+                for name in _names_of_values(cls):
                     found[f"{cls.__name__}.{name}"] = frozen(vars(cls)[name])
         return found
-
-    def _names_in(self, cls: type) -> Sequence[str]:
-        """Names of the values in a class of a user, looked up again once it has more or fewer."""
-        count, names = self._in_classes.get(cls, (-1, ()))
-        if count != len(vars(cls)):
-            names = _names_of_values(cls)
-            self._in_classes[cls] = len(vars(cls)), names
-        return names
 
 
 def _is_watched(name: str, value: object) -> bool:
