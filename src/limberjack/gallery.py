@@ -19,7 +19,7 @@ from limberjack.rl.action_specs import bounds_to_try
 from limberjack.see.video import first_camera, mosaic
 from limberjack.suite import base
 from limberjack.utils import png
-from limberjack.utils.files import open_regular, replacing
+from limberjack.utils.files import open_regular, write_whole
 
 __all__ = ["draw", "write"]
 
@@ -131,7 +131,6 @@ def _check_replaceable(path: Path) -> None:
 def _write_all(directory: Path, files: Mapping[str, np.ndarray]) -> list[Path]:
     paths = []
     for name, picture in files.items():
-        with replacing(directory / name) as partial:
-            partial.write_bytes(png.encode(picture))
+        write_whole(directory / name, png.encode(picture))
         paths.append(directory / name)
     return paths

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 
 import limberjack
 from limberjack import data, policies, suite
 from limberjack.cli.output import FAILED, INTERRUPTED, MISUSED
 from limberjack.cli.progress import Units, show_units
 from limberjack.cli.run import finish, scale_of
+from limberjack.episodes.manifest import DamagedError
 from limberjack.episodes.running import Run
 from limberjack.policies import PolicyError
 from limberjack.suite import base, humanoid
@@ -542,7 +544,10 @@ def _made(out: Path | None = None, seeds: range = range(4, 7), **how: Any) -> Ru
 
 def _finished(run: Run, out: Path | None = None) -> tuple[int, Units]:
     with show_units() as progress:
-        return finish(run, progress, out), progress
+        try:
+            return finish(run, progress, out), progress
+        except typer.Exit as error:
+            return error.exit_code, progress
 
 
 def test_each_seed_is_played_once_and_the_mean_is_printed(
@@ -598,6 +603,18 @@ def test_episodes_that_finished_before_an_error_are_shown_and_kept(
     assert result["time_limit"] == _SECONDS
 
 
+def test_a_damaged_file_of_an_earlier_call_is_reported_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def damaged(run: Run, on_progress: Callable[[str, int], None]) -> None:
+        on_progress("zero", 1)
+        raise DamagedError("a part is damaged")
+
+    monkeypatch.setattr(Run, "play", damaged)
+    assert _finished(_made(tmp_path), tmp_path)[0] == FAILED
+    assert capsys.readouterr().err.startswith("limberjack: a part is damaged; 0 of 3 episodes")
+
+
 def test_an_error_of_this_package_keeps_its_traceback_after_the_files_are_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -606,7 +623,7 @@ def test_an_error_of_this_package_keeps_its_traceback_after_the_files_are_writte
 
     error = KeyError("a bug of the package")
     run = _made(tmp_path)
-    monkeypatch.setattr("limberjack.cli.run.users_failure", lambda failure: None)
+    monkeypatch.setattr("limberjack.cli.output.users_failure", lambda failure: None)
     monkeypatch.setattr(Run, "_watch", broken)
     with pytest.raises(KeyError) as caught:
         _finished(run, tmp_path)

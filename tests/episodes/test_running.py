@@ -271,3 +271,31 @@ def test_a_folder_with_other_results_is_refused_at_once(tmp_path: Path) -> None:
     _run(tmp_path).write()
     with pytest.raises(ValueError, match="holds results with policy 'random', and these have 'zer"):
         _run(tmp_path, "zero")
+
+
+class _Still:
+    """Episodes of it are played one by one, each a file of its own."""
+
+    def reset(self) -> None: ...
+
+    def act(self, observation: object) -> np.ndarray:
+        return np.zeros(1)
+
+
+def test_an_interrupted_run_shows_what_earlier_calls_have_kept(tmp_path: Path) -> None:
+    def interrupt_after(count: int) -> Any:
+        def show(what: str, finished: int, part: float = 0.0) -> None:
+            if finished >= count:
+                raise KeyboardInterrupt
+
+        return show
+
+    shown = []
+    for count in (1, 0):
+        run = _run(tmp_path, _Still, replaces=True)
+        with pytest.raises(KeyboardInterrupt):
+            run.play(interrupt_after(count))
+        run.write()
+        shown.append([episode["seed"] for episode in _result(tmp_path)["episodes"]])
+    assert shown[1] == shown[0]
+    assert 0 < len(shown[0]) < 3

@@ -442,7 +442,9 @@ def test_every_row_and_column_that_has_names_has_as_many_as_there_are(physics: P
                 rows = [row for n in names for row in axis.convert_key_item([n])]
                 assert all(row < length for row in rows), (name, size)
                 # A row of wrap_xpos is two points, of which the first has names, as in dm_control.
-                if size in (*fields.OBJECTS, "nu", "nout") or (size in fields.COLUMN_NAMES and name != "wrap_xpos"):
+                if size in (*fields.OBJECTS, "nu", "nout") or (
+                    size in fields.COLUMN_NAMES and name != "wrap_xpos"
+                ):
                     assert len(axis.names) == length, (name, size)
         assert seen > 40, "hardly any field has names"
 

@@ -647,6 +647,6 @@ def test_a_row_with_attributes_of_its_own_is_noticed_before_any_is_restored() ->
     for _ in range(2):
         batch.step(np.ones((2, 1)))
     vars(batch.environments[1])["tag"] = 1
-    with pytest.raises(ValueError, match="expected copies .*; nothing was restored"):
+    with pytest.raises(ValueError, match=r"expected copies .*; nothing was restored"):
         batch.restore(snapshot)
     assert [env._step_count for env in batch.environments] == [2, 2]

@@ -31,16 +31,14 @@ from limberjack.cli.options import (
 )
 from limberjack.cli.output import (
     FAILED,
-    INTERRUPTED,
     MISUSED,
     complain,
     console,
+    failures_reported,
     misuse_reported,
     remarks_reported,
     search_working_directory,
     table,
-    users_failure,
-    worded,
 )
 from limberjack.cli.process import command_line
 from limberjack.cli.progress import Units, show_parts, show_units
@@ -122,7 +120,12 @@ def scale_of(
 
 
 def finish(run: "Run", progress: Units, out: Path | None) -> int:
-    """Plays, writes and prints; returns the exit status and raises unexpected errors."""
+    """Plays, writes and prints; returns the exit status.
+
+    Raises:
+      typer.Exit: an error or interrupt ended the run; it was reported.
+      Exception: any other error.
+    """
     failure: BaseException | None = None
     progress.begin(run.count)
     try:
@@ -145,7 +148,11 @@ def finish(run: "Run", progress: Units, out: Path | None) -> int:
     elif failure is None:
         failure = unwritten
     if failure is not None:
-        return _reported(failure, run, out)
+        done = f"{len(run.episodes)} of {run.count} episodes finished"
+        if run.keeps:
+            done += f"; what is kept in {out} is not played again"
+        with failures_reported(progress, lambda: done):
+            raise failure
     return FAILED if unwritten is not None or _complain_of_divergence(run.episodes) else 0
 
 
@@ -157,28 +164,6 @@ def _written(run: "Run") -> OSError | KeyboardInterrupt | None:
     except (OSError, KeyboardInterrupt) as error:
         return error
     return None
-
-
-def _reported(failure: BaseException, run: "Run", out: Path | None) -> int:
-    """Reports the error or interrupt that ended a run; raises one that is not expected."""
-    from limberjack.policies import PolicyError
-    from limberjack.rl.control import PhysicsError
-    from limberjack.workers import WorkError
-
-    done = f"{len(run.episodes)} of {run.count} episodes finished"
-    if run.keeps:
-        done += f"; what is kept in {out} is not played again"
-    if isinstance(failure, KeyboardInterrupt):
-        complain(f"interrupted: {done}")
-        return INTERRUPTED
-    if isinstance(failure, PolicyError | PhysicsError | WorkError | OSError):
-        complain(f"{worded(failure)}; {done}")
-        return FAILED
-    sentence = users_failure(failure)
-    if sentence is None:
-        raise failure
-    complain(f"{sentence}; {done}")
-    return FAILED
 
 
 def _complain_of_divergence(episodes: "list[Episode]") -> bool:

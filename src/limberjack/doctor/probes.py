@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 
 from limberjack import registry
 from limberjack.utils.ffmpeg import find_ffmpeg
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 from limberjack.utils.requirements import broken_mujoco, is_of_mujoco
 
 __all__ = [
@@ -83,8 +83,7 @@ def answer(probe: str, file: str) -> None:
             error = ImportError(str(broken_mujoco(error)).partition(". ")[0])
         text = " ".join(str(error).split())
         result = {"why": f"{type(error).__name__}: {text}" if text else type(error).__name__}
-    with replacing(Path(file)) as partial:
-        partial.write_text(json.dumps(result), encoding="utf-8")
+    write_whole(Path(file), json.dumps(result))
 
 
 def core() -> dict[str, int]:

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from limberjack.mujoco.fingerprint import versions
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 
 __all__ = ["FILE", "KEPT", "Field", "Kind", "Run", "StoredBits", "field_of"]
 
@@ -179,7 +179,4 @@ class StoredBits:
             for run in self.runs
         ]
         texts = [base64.b85encode(array).decode() for array in arrays]
-        with replacing(path) as partial:
-            partial.write_text(
-                json.dumps({"runs": runs, "arrays": texts}, indent=0) + "\n", encoding="utf-8"
-            )
+        write_whole(path, json.dumps({"runs": runs, "arrays": texts}, indent=0) + "\n")

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.figures import Figures
+from limberjack.episodes.figures import Figures, values_of
 from limberjack.episodes.recipe import OBSERVATION, Column, Recipe
 
 __all__ = ["QUANTILES", "Spread", "Statistics", "statistics_of"]
@@ -112,7 +112,7 @@ def statistics_of(
         for episode in episodes:
             of_file.add(episode)
             for name, sample in samples.items():
-                sample.add(_values(episode, name))
+                sample.add(values_of(episode, name))
         figures.include(of_file)  # in the order of sums of dataset.json
     moments = figures.statistics()
     spreads = {
@@ -125,12 +125,6 @@ def statistics_of(
         if name.startswith(OBSERVATION)
     }
     return Statistics(observations, spreads["action"], spreads["reward"])
-
-
-def _values(episode: Episode, name: str) -> np.ndarray:
-    if name.startswith(OBSERVATION):
-        return episode.observations[name.removeprefix(OBSERVATION)]
-    return episode.actions if name == "action" else episode.rewards
 
 
 def _spread(

@@ -437,7 +437,8 @@ class Dataset:
             if listed is not None and sha256_of(shard.path) != listed.sha256:
                 raise DamagedError(f"{shard.path} has another SHA-256 than in {MANIFEST}: {REPAIR}")
         first = self.shards[0].path
-        if self._files and isinstance(first, Path) and len(self._files) == len(self.shards):
+        is_whole = self._files.keys() == {shard.path.name for shard in self.shards}
+        if self._files and isinstance(first, Path) and is_whole:
             figures = [shard.figures() for shard in self.shards]
             check_manifest(first.parent.parent / MANIFEST, figures)
 

@@ -18,7 +18,7 @@ import numpy as np
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.recipe import OBSERVATION, Recipe
 
-__all__ = ["Figures"]
+__all__ = ["Figures", "values_of"]
 
 _NAMES = ("mean", "squares", "min", "max")  # squares: sums of squared deviations from the mean
 
@@ -37,7 +37,7 @@ class Figures:
         """Counts an episode in, whose seed is greater than those before."""
         self.returns.append(episode.total)
         for name, size in self._sizes.items():
-            values = _values(episode, name)
+            values = values_of(episode, name)
             values = np.asarray(values, float).reshape(len(values), size)
             with np.errstate(all="ignore"):  # a simulation that diverges may give any number
                 mean = np.cumsum(values, axis=0)[-1] / len(values)
@@ -111,7 +111,8 @@ class Figures:
         return figures
 
 
-def _values(episode: Episode, name: str) -> np.ndarray:
+def values_of(episode: Episode, name: str) -> np.ndarray:
+    """The values of a column: an observation, the actions or the rewards, (steps, ...)."""
     if name.startswith(OBSERVATION):
         return episode.observations[name.removeprefix(OBSERVATION)]
     return episode.actions if name == "action" else episode.rewards

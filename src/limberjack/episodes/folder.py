@@ -64,6 +64,7 @@ _RECORDS = "dataset-*-of-*.json"
 _RUNS = "run*.json"
 _UNFINISHED = re.compile(r"\.seeds-(\d{10})-\d{10}\.[0-9a-f]+\.part")  # see `utils.files.Partial`
 _PROBE = ".probe-"
+_LETTERS = "[0-9a-f]" * len(random_letters())  # a pattern
 
 
 def check_distinct(shards: Sequence[Shard]) -> None:
@@ -90,16 +91,14 @@ def _check_apart(files: Sequence[tuple[object, range]]) -> None:
 
 def blocks(seeds: Iterable[int], size: int) -> Iterator[range]:
     """The seeds, which are increasing, as ranges within one block each, aligned at its size."""
-    first = last = None
-    for seed in seeds:
-        if first is None or last is None:
-            first = seed
-        elif seed != last + 1 or seed % size == 0:
-            yield range(first, last + 1)
-            first = seed
-        last = seed
-    if first is not None and last is not None:
-        yield range(first, last + 1)
+
+    def place(numbered: tuple[int, int]) -> tuple[int, int]:
+        number, seed = numbered
+        return seed - number, seed // size  # the first one stays the same within a run
+
+    for _, run in itertools.groupby(enumerate(seeds), place):
+        found = [seed for _, seed in run]
+        yield range(found[0], found[-1] + 1)
 
 
 class Folder:
@@ -424,7 +423,8 @@ class Folder:
             if found and _range_with(int(found[1]), self._own) is not None:
                 remove(path)
         mark = "" if self._shard is None else f"{self._shard}-"
-        for pattern in (f"{_PROBE}{mark}*", f".{_PROBE}{mark}*.part"):  # also one half written
+        own = f"{_PROBE}{mark}{_LETTERS}"  # not those of shards that are running
+        for pattern in (own, f".{own}.*.part"):  # also one half written
             for path in named(self._parts, pattern):
                 remove(path)
 

@@ -7,17 +7,22 @@
 Only the manifest and footers are read.
 """
 
+import contextlib
+import itertools
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from limberjack.episodes.dataset import Dataset
+from limberjack.episodes.episode import Episode
 from limberjack.episodes.folder import calls_in, check_distinct
-from limberjack.episodes.manifest import EPISODES, MANIFEST, File, Manifest, united, without
+from limberjack.episodes.manifest import EPISODES, MANIFEST, PARTS, File, Manifest, united, without
 from limberjack.episodes.parquet import Shard
 from limberjack.episodes.places import Place, exists, named, place_of, size_of
 from limberjack.episodes.recipe import Recipe
+from limberjack.episodes.writing import ENDING
 
-__all__ = ["load"]
+__all__ = ["episodes_so_far", "load"]
 
 _LONGEST = 1000  # characters of a command that is repeated in a message
 
@@ -62,6 +67,17 @@ def load(directory: Path | str, *, allow_gaps: bool = False) -> Dataset:
         if (shard.recipe.format == 1) is not bool(old):
             raise ValueError(f"{shard.path} has format {shard.recipe.format}, unlike its folder")
     return Dataset(shards)
+
+
+def episodes_so_far(folder: Path) -> Iterator[Episode]:
+    """The episodes in a folder whose collection was interrupted, of unfinished files too.
+
+    Damaged files are left out: the next call names them.
+    """
+    files = named(folder / EPISODES, "*.parquet"), named(folder / PARTS, f"*.{ENDING}")
+    for path in itertools.chain(*files):
+        with contextlib.suppress(OSError, ValueError):
+            yield from Shard(path).episodes()
 
 
 def _listed(folder: Place, manifest: Manifest, allow_gaps: bool) -> Dataset:

@@ -167,7 +167,7 @@ class Remote:
         size = self._size or self._information()["size"]
         self._size = size if isinstance(size, int) else None
         with self._reported():
-            if self._size is None or not self._gives_parts(files, path):
+            if not self._size or not self._gives_parts(files, path):
                 return io.BytesIO(files.cat_file(path))
         return _InBlocks(self, lambda start, end: files.cat_file(path, start, end), self._size)
 

@@ -43,6 +43,7 @@ class Run:
     """See the module's docstring.
 
     Attributes:
+      keeps: whether steps are kept, so that the same call continues.
       written: the files that `write` has written.
       left_out: one line for each reason for leaving out files.
     """
@@ -109,7 +110,7 @@ class Run:
             self._seeds = self._player.seeds
             self._now = self._player.wanted[0]  # seed of the episode that began last
             self._facts = self._facts_of(self._player.identity)
-            self._keeps = self._out is not None and self._can_keep()
+            self.keeps = self._out is not None and self._can_keep()
             if self._out is not None and shard is None:
                 # Fails now, not after the last episode.
                 report.Recorder(self._out, self._facts, command).close()
@@ -143,11 +144,6 @@ class Run:
         return len(self._seeds)
 
     @property
-    def keeps(self) -> bool:
-        """Whether steps are kept, so that the same call continues."""
-        return self._keeps
-
-    @property
     def episodes(self) -> list[Episode]:
         """Those that have ended, in the order of their seeds."""
         return [self._ended[seed] for seed in self._seeds if seed in self._ended]
@@ -167,7 +163,7 @@ class Run:
           OSError: a file cannot be written.
         """
         with contextlib.closing(self._player):
-            if self._keeps:
+            if self.keeps:
                 self._collect(on_progress)
             else:
                 self._play(on_progress)
@@ -175,20 +171,34 @@ class Run:
     def _collect(self, on_progress: OnProgress | None) -> None:
         """Plays and keeps, and reads what is there in the end."""
         from limberjack.episodes.collecting import collect_with
-        from limberjack.episodes.loading import load
+        from limberjack.episodes.loading import episodes_so_far, load
 
         assert self._out is not None
-        collect_with(
-            self._player,
-            self._out,
-            _KEPT,
-            shard=self._shard,
-            replaces=self._replaces and (self._out / RESULT).exists(),
-            on_progress=on_progress,
-            on_step=self._watch,
-            on_ended=self._end,
-            command=self._command,
-        )
+        is_ours = False  # the folder, of which it is certain once there is progress
+
+        def report(what: str, finished: int, part: float = 0.0) -> None:
+            nonlocal is_ours
+            is_ours = True
+            if on_progress is not None:
+                on_progress(what, finished, part)
+
+        try:
+            collect_with(
+                self._player,
+                self._out,
+                _KEPT,
+                shard=self._shard,
+                replaces=self._replaces and (self._out / RESULT).exists(),
+                on_progress=report,
+                on_step=self._watch,
+                on_ended=self._end,
+                command=self._command,
+            )
+        except BaseException:  # Ctrl-C too: episodes of earlier calls are shown as well
+            if is_ours and self._shard is None:
+                for episode in episodes_so_far(self._out):
+                    self._end(episode)
+            raise
         if self._shard is None:
             dataset = load(self._out)
             for seed in self._seeds:
@@ -248,7 +258,7 @@ class Run:
                 finally:
                     self.written = [*recorder.written]
                     self.left_out += recorder.left_out
-        if self._keeps and (self._out / EPISODES).exists():
+        if self.keeps and (self._out / EPISODES).exists():
             self.written.append(self._out / EPISODES)
 
     def _show(

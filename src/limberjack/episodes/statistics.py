@@ -11,7 +11,7 @@ was reached and held. Results are reproducible: the bootstrap has a fixed seed.
 import collections
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -25,6 +25,7 @@ __all__ = [
     "Score",
     "Summary",
     "bootstrap_interval",
+    "bootstrapped",
     "strata",
     "summarise",
 ]
@@ -107,11 +108,13 @@ def _as_json(value: object) -> object:
 def summarise(scores: Sequence[Score]) -> Summary:
     """The summary of at least one episode."""
     returns = np.array([score.total for score in scores])
+    with np.errstate(invalid="ignore"):  # of returns that are not finite
+        mean, median = float(np.mean(returns)), float(np.median(returns))
     return Summary(
         episodes=len(scores),
-        mean=float(np.mean(returns)),
+        mean=mean,
         interval=bootstrap_interval(returns),
-        median=float(np.median(returns)),
+        median=median,
         successes=sum(score.success for score in scores),
         diverged=sum(score.diverged for score in scores),
     )
@@ -141,14 +144,30 @@ def bootstrap_interval(values: np.ndarray) -> tuple[float, float] | None:
     count = len(values)
     if count < 2:
         return None
+
+    def means(stream: np.random.RandomState, resamples: int) -> np.ndarray:
+        return values[stream.randint(count, size=(resamples, count))].mean(axis=-1)
+
+    return bootstrapped(means, count, RESAMPLES)
+
+
+def bootstrapped(
+    draw: Callable[[np.random.RandomState, int], np.ndarray], size: int, resamples: int
+) -> tuple[float, float]:
+    """The 2.5 % and the 97.5 % quantile of a statistic of resamples.
+
+    Args:
+      draw: takes a stream and a number of resamples, and returns the statistic of each, (n,).
+      size: numbers in a resample.
+      resamples: their number.
+    """
     # RandomState: its streams are the same in all versions of NumPy.
     stream = np.random.RandomState(_BOOTSTRAP_SEED)
-    at_once = max(1, _CHUNK // count)
-    means = []
-    for first in range(0, RESAMPLES, at_once):
-        resamples = min(at_once, RESAMPLES - first)
-        means.append(values[stream.randint(count, size=(resamples, count))].mean(axis=-1))
+    at_once = max(1, _CHUNK // size)
     tail = (1 - CONFIDENCE) / 2
     with np.errstate(invalid="ignore"):  # of returns that are not finite
-        low, high = np.quantile(np.concatenate(means), [tail, 1 - tail])
+        found = [
+            draw(stream, min(at_once, resamples - first)) for first in range(0, resamples, at_once)
+        ]
+        low, high = np.quantile(np.concatenate(found), [tail, 1 - tail])
     return float(low), float(high)

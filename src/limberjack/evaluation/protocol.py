@@ -38,7 +38,7 @@ from limberjack.policies import PolicyError
 from limberjack.registry import sets
 from limberjack.registry.sets import Tasks, TaskSet, refusals_named
 from limberjack.rl.control import Environment
-from limberjack.utils.files import read_regular, replacing
+from limberjack.utils.files import read_regular, write_whole
 from limberjack.workers import OnProgress, OnState, WorkError
 from limberjack.worlds import World
 from limberjack.worlds.appearance import Appearance, Looks
@@ -399,5 +399,4 @@ def _written(result: SetEvaluation, directory: Path) -> SetEvaluation:
 
 def _write(path: Path, content: Mapping[str, object]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as partial:
-        partial.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")

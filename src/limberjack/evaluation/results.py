@@ -16,7 +16,7 @@ from limberjack.episodes.statistics import Score, Summary
 from limberjack.evaluation.store import PAGE, PICTURE, RESULT
 from limberjack.see import report
 from limberjack.utils.facts import Facts, title_of
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 
 __all__ = ["Evaluation", "write"]
 
@@ -95,8 +95,7 @@ def write(evaluation: Evaluation, directory: Path, command: str) -> Evaluation:
     """
     result, page, picture = (directory / name for name in (RESULT, PAGE, PICTURE))
     content = evaluation.as_json()
-    with replacing(result) as partial:
-        partial.write_text(_text(content), encoding="utf-8")
+    write_whole(result, _text(content))
     report.write_evaluation_page(page, content, command)
     files = (result, page)
     try:

@@ -15,15 +15,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from limberjack.episodes.statistics import bootstrapped
+
 __all__ = ["PERCENTILES", "RESAMPLES", "interquartile_mean", "percentiles", "stratified_interval"]
 
 RESAMPLES = 50_000  # rliable's default
 PERCENTILES = (5, 25, 50, 75, 95)
 
-_CONFIDENCE = 0.95
 _CUT = 0.25  # share of the scores that is left out at each end
-_SEED = 0  # of the bootstrap, so that the same scores give the same interval
-_AT_ONCE = 1_000_000  # scores drawn at once; they take 8 MB
 
 
 def interquartile_mean(scores: np.ndarray) -> np.ndarray:
@@ -76,12 +75,8 @@ def stratified_interval(
         raise ValueError(f"resamples is {resamples}; expected at least 1")
     if runs < 2:
         return None
-    # RandomState: its streams are the same in all versions of NumPy.
-    stream = np.random.RandomState(_SEED)
-    at_once = max(1, _AT_ONCE // scores.size)
-    values = []
-    for first in range(0, resamples, at_once):
-        count = min(at_once, resamples - first)
+
+    def of_resamples(stream: np.random.RandomState, count: int) -> np.ndarray:
         drawn = stream.randint(runs, size=(count, runs, tasks))
         found = np.asarray(statistic(scores[drawn, np.arange(tasks)]))
         if found.shape != (count,) or not np.isfinite(found).all():
@@ -89,10 +84,9 @@ def stratified_interval(
                 f"statistic returned {found!r}; expected a finite number for each of {count} "
                 "resamples, over the last two axes"
             )
-        values.append(found)
-    tail = (1 - _CONFIDENCE) / 2
-    low, high = np.quantile(np.concatenate(values), [tail, 1 - tail])
-    return float(low), float(high)
+        return found
+
+    return bootstrapped(of_resamples, scores.size, resamples)
 
 
 def percentiles(scores: np.ndarray) -> dict[int, float]:

@@ -30,7 +30,7 @@ from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.rows import RowsEnvironment
 
-__all__ = ["ActBatch", "Alone", "Batched", "Deferred", "EachRow", "ResetBatch"]
+__all__ = ["ActBatch", "Alone", "Batched", "Deferred", "EachRow", "ResetBatch", "as_array"]
 
 ActBatch = Callable[[Mapping[str, np.ndarray]], object]
 ResetBatch = Callable[[np.ndarray, np.ndarray], object]
@@ -193,13 +193,7 @@ class Batched:
     def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
         """The policy's actions for these rows; raises PolicyError if they are invalid."""
         expected = (ROWS, *self._shape[1:])
-        try:
-            actions = np.asarray(returned)
-        except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere
-            raise PolicyError(
-                f"{self._where(rows[0])}: returned something other than an array of numbers: "
-                f"{error}"
-            ) from error
+        actions = as_array(self._where(rows[0]), returned)
         if actions.dtype.kind not in "iuf" or actions.shape != expected:
             raise PolicyError(
                 f"{self._where(rows[0])}: returned {type(returned).__name__} of dtype "
@@ -245,3 +239,13 @@ def _spread(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     shown = np.repeat(values[:1], ROWS, axis=0)
     shown[places] = values
     return shown
+
+
+def as_array(where: str, returned: object) -> np.ndarray:
+    """An array of what a policy returned; raises a PolicyError that begins with `where`."""
+    try:
+        return np.asarray(returned)
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere
+        raise PolicyError(
+            f"{where}: returned something other than an array of numbers: {error}"
+        ) from error

@@ -28,7 +28,6 @@ from limberjack.policies import mlp, onnx
 from limberjack.policies.kinds import PolicyError
 from limberjack.policies.networks import check_fit, layout_of
 from limberjack.policies.saved import read_model, runs_code
-from limberjack.rl.control import Environment
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 
@@ -91,7 +90,8 @@ def export(
     is_onnx = Path(out).suffix == onnx.ENDING
     if not runs_code(policy):
         raise PolicyError(f"policy is {policy!r}; expected sb3:PATH, a model to export")
-    environment = None if task is None else suite.load(*task, {"random": 0})
+    if task is not None:
+        suite.load(*task).close()  # refused before the code in the model runs
     try:
         from limberjack import sb3
 
@@ -107,8 +107,8 @@ def export(
     except (ImportError, ValueError) as error:
         raise PolicyError(f"policy {policy!r}: {error}") from None
     card = network.card
-    if task is not None and environment is not None:
-        card = _of_task(policy, card, environment, *task)
+    if task is not None:
+        card = _of_task(policy, card, *task)
     if is_onnx:
         onnx.save(out, mlp.Mlp(network.layers, card))
     else:
@@ -152,11 +152,9 @@ def _converted(model: _Foreign, action_repeat: int) -> mlp.Mlp:
     return mlp.Mlp(layers, card)
 
 
-def _of_task(
-    policy: str, card: mlp.Card, environment: Environment, domain: str, task: str
-) -> mlp.Card:
+def _of_task(policy: str, card: mlp.Card, domain: str, task: str) -> mlp.Card:
     """The card with a task; raises PolicyError if the policy does not fit it."""
-    with contextlib.closing(environment):
+    with contextlib.closing(suite.load(domain, task, {"random": 0})) as environment:
         check_fit(policy, card, environment)
         is_flat = [name for name, _ in card.layout] == [FLAT_OBSERVATION_KEY]
         return dataclasses.replace(

@@ -49,7 +49,7 @@ import numpy.typing as npt
 
 from limberjack.policies.blas import one_thread
 from limberjack.policies.kinds import PolicyError
-from limberjack.utils.files import open_regular, replacing
+from limberjack.utils.files import open_regular, write_whole
 from limberjack.worlds import OPTIONS, World
 
 __all__ = [
@@ -361,8 +361,7 @@ def save(path: Path | str, layers: Sequence[Layer], card: Card) -> None:
     pairs = enumerate(policy.layers)
     tensors = {_name(i, j): part for i, pair in pairs for j, part in enumerate(pair)}
     content = tensors_of.save(tensors, {CARD_KEY: policy.card.as_text()})
-    with replacing(Path(path)) as partial:
-        partial.write_bytes(content)
+    write_whole(Path(path), content)
 
 
 def load(path: Path | str) -> Mlp:

@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 from dm_env import specs
 
-from limberjack.policies.actors import ActBatch, Alone, Batched, EachRow, ResetBatch
+from limberjack.policies.actors import ActBatch, Alone, Batched, EachRow, ResetBatch, as_array
 from limberjack.policies.built_in import BUILT_IN
 from limberjack.policies.kinds import Act, Actor, Locating, Policy, PolicyError
 from limberjack.rl.action_specs import spec_of
@@ -238,12 +238,7 @@ def _checking_policy(
 
 def _checked_action(where: str, returned: object, spec: specs.BoundedArray) -> np.ndarray:
     """A policy's action as an array; raises PolicyError if it is not an action of the spec."""
-    try:
-        action = np.asarray(returned)
-    except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors with gradients
-        raise PolicyError(
-            f"{where}: returned something other than an array of numbers: {error}"
-        ) from error
+    action = as_array(where, returned)
     if action.dtype.kind not in "iuf":
         raise PolicyError(
             f"{where}: returned {type(returned).__name__} of dtype {action.dtype}; expected "

@@ -34,7 +34,7 @@ import numpy.typing as npt
 
 from limberjack.policies import mlp
 from limberjack.policies.kinds import ROWS, PolicyError
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 from limberjack.utils.requirements import missing_extra
 
 __all__ = [
@@ -183,8 +183,7 @@ def save(path: Path | str, policy: mlp.Mlp) -> None:
     Raises:
       OSError: the file cannot be written.
     """
-    with replacing(Path(path)) as partial:
-        partial.write_bytes(content_of(policy))
+    write_whole(Path(path), content_of(policy))
 
 
 def load(path: Path | str) -> OnnxPolicy:

@@ -10,6 +10,7 @@ files is one more entry of `_KINDS`.
 """
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,7 +20,7 @@ import dm_env
 from limberjack.policies import mlp, onnx
 from limberjack.policies.actors import Batched, Deferred
 from limberjack.policies.kinds import Actor, PolicyError
-from limberjack.policies.networks import network_policy
+from limberjack.policies.networks import Network, network_policy
 from limberjack.utils.files import read_regular
 from limberjack.utils.log import log
 
@@ -137,14 +138,14 @@ def _read_network(path: Path) -> dict[Path, bytes]:
     return {path: mlp.read(path)}
 
 
-def _network(name: str, files: _Files, environment: dm_env.Environment) -> Actor:
+def _network(
+    name: str,
+    files: _Files,
+    environment: dm_env.Environment,
+    parse: Callable[[bytes, str], Network] = mlp.parse,
+) -> Actor:
     (content,) = files.values()
-    return network_policy(name, content, environment)
-
-
-def _model(name: str, files: _Files, environment: dm_env.Environment) -> Actor:
-    (content,) = files.values()
-    return network_policy(name, content, environment, onnx.parse)
+    return network_policy(name, content, environment, parse)
 
 
 _WRITES_NETWORKS = "`limberjack train` or mlp.save"
@@ -152,6 +153,12 @@ _WRITES_MODELS = "`limberjack export` or onnx.save"
 _KINDS = {
     "sb3:": _Kind("model.save", _import_sb3, _read_sb3, _sb3, runs_code=True),
     "mlp:": _Kind(_WRITES_NETWORKS, lambda: None, _read_network, _network, runs_code=False),
-    "onnx:": _Kind(_WRITES_MODELS, onnx.check_installed, _read_network, _model, runs_code=False),
+    "onnx:": _Kind(
+        _WRITES_MODELS,
+        onnx.check_installed,
+        _read_network,
+        functools.partial(_network, parse=onnx.parse),
+        runs_code=False,
+    ),
 }
 _PREFIXES = tuple(_KINDS)

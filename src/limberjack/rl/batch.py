@@ -101,15 +101,8 @@ class BatchEnvironment(Batch):
         self.name = env._ours.name or type(task).__name__
         self.registration = env._ours.registration
         self._n_sub_steps, self._flat_observation = env._n_sub_steps, env._flat_observation
-        threads = threads_for(num_threads, num_envs, env)
-        # Any: of the domain's own physics.
-        replicas: Replicas[Any] = env.physics.replicate(num_envs, threads, self._saved_fields)
-        self._replicas = replicas
+        self._make_replicas(env, num_threads)
         self._randomization: dict[str, np.ndarray] = {}
-        self._frames = Frames.of(control.Environment.pixels.of(env), replicas)
-        self._faults = None if env._ours.faults is None else env._ours.faults.of_rows(num_envs)
-        self._looks = replicas.looks = Looks.of_rows(env._ours.looks, num_envs)
-        self._first_fields = env._first_fields()
         self._streams = Streams(self._seeds[0], num_envs)
         self._seeds = self._streams.seeds
         self._counter = Counter(num_envs, env._step_limit, type(task).__name__)
@@ -119,14 +112,26 @@ class BatchEnvironment(Batch):
         if stagger:
             self.step_limit = env._step_limit
         self._all_begin = self._begins.copy()
-        spec = bounded_spec(task, replicas.single)
+        spec = bounded_spec(task, self._replicas.single)
         self._action_spec = guards.batched_spec(spec, num_envs)
         if not proved:
             self._check_task(spec)
         self._memory = EpisodeAttributes(task, num_envs, proved)
         self._late = self._new_late_changes()
-        self._forget_observations()
+        self._forms, self._observed = {}, {}
+        self._has_observed = np.zeros(num_envs, bool)
         self._begin_streams(range(num_envs))
+
+    def _make_replicas(self, env: control.Environment, num_threads: int | None) -> None:
+        """Makes the rows' simulations, and what is drawn and measured in each of them."""
+        threads, ours = threads_for(num_threads, self.num_envs, env), env._ours
+        # Any: of the domain's own physics.
+        replicas: Replicas[Any] = env.physics.replicate(self.num_envs, threads, self._saved_fields)
+        self._replicas = replicas
+        self._frames = Frames.of(control.Environment.pixels.of(env), replicas)
+        self._faults = None if ours.faults is None else ours.faults.of_rows(self.num_envs)
+        self._looks = replicas.looks = Looks.of_rows(ours.looks, self.num_envs)
+        self._first_fields = env._first_fields()
 
     @classmethod
     def from_environment(
@@ -409,10 +414,6 @@ class BatchEnvironment(Batch):
     def _new_late_changes(self) -> LateChanges:
         name, is_idle = type(self._task).__name__, self._memory.is_idle
         return LateChanges(self._replicas, name, self._saved_fields, is_idle)
-
-    def _forget_observations(self) -> None:
-        self._forms, self._observed = {}, {}
-        self._has_observed = np.zeros(self.num_envs, bool)
 
     def _check_task(self, spec: specs.BoundedArray) -> None:
         how = self._n_sub_steps, self._saved_fields, self._randomizer

@@ -443,7 +443,7 @@ def _settings(env: dm_env.Environment) -> object:
 
 
 def _comparable(value: object, depth: int = _DEEPEST) -> object:
-    """What is equal for values of the same bits, also if they are NaN; else their class alone."""
+    """A value that equals that of another one of the same bits, also of NaN; or its class alone."""
     if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, float):

@@ -37,6 +37,7 @@ __all__ = [
     "random_letters",
     "read_regular",
     "replacing",
+    "write_whole",
 ]
 
 try:
@@ -171,6 +172,12 @@ def replacing(path: Path, suffix: str | None = None, folder: Path | None = None)
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
             error.filename = str(path)
         raise
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Writes a file, as `replacing` does; text is UTF-8."""
+    with replacing(path) as partial:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def appending(path: Path) -> BinaryIO:

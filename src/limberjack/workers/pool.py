@@ -124,7 +124,10 @@ class _Worker(threading.Thread):
             write_message(streams[0], [message])
             self._sent.update(once)
             self.state = "playing"
-            return pickle.loads(read_message(streams[1]))
+            answer = pickle.loads(read_message(streams[1]))
+            if isinstance(answer, Failed):  # perhaps to read the message
+                self._sent.clear()
+            return answer
         except (EOFError, OSError):
             with contextlib.suppress(subprocess.TimeoutExpired):  # its own end, rather than a kill
                 process.wait(_ENDING)

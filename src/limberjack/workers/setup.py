@@ -14,10 +14,9 @@ import dataclasses
 import functools
 import hashlib
 import pickle
+import pkgutil
 import socket
-import sys
 import threading
-from collections.abc import Callable
 
 import dm_env
 
@@ -58,7 +57,7 @@ class _Made:
 
     def factory(self) -> Factory:
         if self.task is None:
-            return factory_of(_function(self.domain))
+            return factory_of(pkgutil.resolve_name(self.domain))
         return factory_of(self.domain, self.task, self.time_limit, self.world)
 
 
@@ -139,7 +138,7 @@ class Setup:
           Refused: this process does not reproduce the identity or the canary.
           PolicyError: the policy cannot be used here.
         """
-        known = _opened_here()
+        known = _local.opened
         if self.key not in known:
             known[self.key] = self._open()
             while len(known) > _KEPT_OPEN:
@@ -275,13 +274,6 @@ def _made(factory: Factory, environment: dm_env.Environment) -> _Made:
     return _Made(factory.title, None, None, None, None)
 
 
-def _function(name: str) -> Callable[[int], dm_env.Environment]:
-    """The function that MODULE:FUNCTION names."""
-    module, _, path = name.partition(":")
-    __import__(module)
-    return functools.reduce(getattr, path.split("."), sys.modules[module])  # pyright: ignore
-
-
 class _Local(threading.local):
     """Setups that a thread has opened, the latest last."""
 
@@ -290,7 +282,3 @@ class _Local(threading.local):
 
 
 _local = _Local()
-
-
-def _opened_here() -> "collections.OrderedDict[str, Opened]":
-    return _local.opened

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from limberjack.utils.facts import Facts
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 from limberjack.utils.texts import encodable
 
 __all__ = ["card", "cards", "facts_of", "figures", "header", "section", "table", "write_document"]
@@ -46,8 +46,7 @@ def write_document(path: Path, title: str, body: str, result: Mapping[str, objec
         "result": json.dumps(result, allow_nan=False).replace("<", "\\u003c"),
     }
     template = string.Template(_TEMPLATE.read_text(encoding="utf-8"))
-    with replacing(path) as partial:
-        partial.write_text(encodable(template.substitute(parts)), encoding="utf-8")
+    write_whole(path, encodable(template.substitute(parts)))
 
 
 def header(heading: str, subtitle: str) -> str:

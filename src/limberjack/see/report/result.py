@@ -19,7 +19,7 @@ import numpy as np
 
 from limberjack.mujoco.fingerprint import versions
 from limberjack.utils.facts import Facts
-from limberjack.utils.files import read_regular, replacing
+from limberjack.utils.files import read_regular, write_whole
 
 __all__ = [
     "EVALUATION",
@@ -104,9 +104,7 @@ def write_result(
       model_fingerprint: of the compiled model, before the first episode changed it.
     """
     result = as_result(run, episodes, model_fingerprint)
-    text = json.dumps(result, indent=2, allow_nan=False)
-    with replacing(path) as partial:
-        partial.write_text(text + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(result, indent=2, allow_nan=False) + "\n")
 
 
 def as_result(
