@@ -174,6 +174,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("_BYTES_OF_STATE = (624 + 1) * 4", "_BYTES_OF_STATE = 4"),
     ],
     "rl/many.py": [
+        ('if n == "success"}', 'if n == ""}'),
+        ("math.ceil(steps / repeat)", "steps / repeat"),
         ("if (np.diff(numbers) < 0).any():", "if False:"),
         ("fifth = self.episode_length / 5", "fifth = self.episode_length / 6"),
         (
@@ -183,7 +185,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            array.flags.writeable = False\n", "            pass\n"),
         ("own = given[rows, : task.action_size]", "own = given[rows, -task.action_size :]"),
         ("diverged[rows] = part.diverged", "diverged[rows] |= False"),
-        ("(bad & self.action_mask).any(axis=1)", "bad.any(axis=1)"),
+        ("np.where(self.action_mask, given, 0)", "given"),
         ("np.argsort(-self._seconds, kind=", "np.argsort(self._seconds, kind="),
         (
             "        except BaseException:\n            self.restart()\n            raise\n",
@@ -215,6 +217,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return self._begins.copy()", "return self._begins"),
     ],
     "rl/batch.py": [
+        ("                streams.beside[row] = stream_beside(own)\n", "                pass\n"),
+        (
+            "self.diverged[rows] = False\n        return self._counter",
+            "False\n        return self._counter",
+        ),
         ("        self._memory.check(memory)\n", ""),
         ("            self._frames.schedule = schedule\n", ""),
         ("task._random = self._streams.own[row]", "task._random = self._streams.own[0]"),
@@ -241,7 +248,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            active = active & ~last\n", ""),
         ("            counter.steps[~active] = steps[~active]\n", ""),
         ("            simulation.load(saved, rows)\n", "            pass\n"),
-        ("        self.diverged, self._has_observed = diverged, has_observed\n", ""),
+        ("self._seeds[:] = diverged, has_observed, seeds", "_ = diverged, has_observed, seeds"),
         (
             'self._memory.during("before_step", physics, rows)',
             'self._memory.during("before_step", physics)',
@@ -260,7 +267,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('{**common["task"], **values}', '{**values, **common["task"]}'),
         ("            self._has_observed[rows] = False\n", ""),
         ("limit = self._stagger.limit_of_next(row, ", "limit = self._stagger.limit_of_next(0, "),
-        ("self._streams.replace(row, stream, seeds[i])", "self._streams.own[row] = stream"),
+        (
+            "self._streams.replace(row, np.random.RandomState(seed), seed)",
+            "self._streams.own[row] = np.random.RandomState(seed)",
+        ),
     ],
     "rl/endings.py": [
         (
@@ -341,6 +351,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    if len(set(checked)) < len(checked):\n", "    if False:\n"),
     ],
     "rl/builds.py": [
+        (
+            "        return type(value), [_comparable(one, depth - 1) for one in value]\n",
+            "        return type(value)\n",
+        ),
         ("self.attributes[name] = copy.deepcopy(value)", "self.attributes[name] = value"),
         ("            put_back(self._first, plain.task, plain.physics)\n", ""),
         (" and (keeps_model or numbers_of(plain) == self._numbers):", ":"),
@@ -386,15 +400,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/streams.py": [
         ("simulation.set_fields(fields, row)", "simulation.set_fields(fields)"),
         ("np.random.RandomState(0)", "task._random"),
-        (
-            "                self.beside[row] = stream_beside(self.own[row])\n",
-            "                pass\n",
-        ),
         ("        self.beside[row] = stream_beside(stream)\n", ""),
         ("in zip((self.own, self.beside), states", "in zip((self.beside, self.own), states"),
         ("share, self.shares[row] = self.shares[row], _FULL", "share = self.shares[row]"),
         ("else 1 + math.floor(share", "else math.floor(share"),
-        ("int(position), int(_OWN)]", "int(position)]"),
+        ("stream_beside(stream, _OWN).uniform()", "stream_beside(stream).uniform()"),
     ],
     "rl/batch_safety.py": [
         ("        if is_view or reaches(value, targets):\n", "        if is_view:\n"),
@@ -441,7 +451,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("draw(random, nominal.copy())", "draw(random, nominal)"),
         ("np.isfinite(values).all()", "np.isfinite(values).any()"),
         (
-            "np.append(np.asarray(key, np.uint32), np.uint32(position))",
+            "np.append(np.asarray(key, np.uint32), np.array([position, *apart], np.uint32))",
             "np.asarray(key, np.uint32)",
         ),
         (
@@ -819,8 +829,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("final = 0.0 if episode.diverged else", "final ="),
         ("self.final_reward >= SUCCESS_REWARD", "self.final_reward > SUCCESS_REWARD"),
         ("tail = (1 - CONFIDENCE) / 2", "tail = 1 - CONFIDENCE"),
-        ("resamples = min(at_once, RESAMPLES - first)", "resamples = at_once"),
-        ("median=float(np.median(returns))", "median=float(np.sort(returns)[len(returns) // 2])"),
+        ("draw(stream, min(at_once, resamples - first))", "draw(stream, at_once)"),
+        ("float(np.median(returns))", "float(np.sort(returns)[len(returns) // 2])"),
     ],
     "evaluation/protocol.py": [
         ("_ACTION_REPEAT if demanded is None else None", "_ACTION_REPEAT"),
@@ -1290,7 +1300,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("(geom.rgba == model.mat_rgba[number]).all()", "True"),
         ("    stage.follow(model)\n", ""),
         ("centre = np.zeros(3) if is_fixed else", "centre = np.zeros(3) if number < 0 else"),
-        ("return sphere_of(model.cam_poscom0[number])", "return sphere_of(pose.position)"),
+        (
+            "sphere_of(pose.position if is_fixed else model.cam_poscom0[number])",
+            "sphere_of(pose.position)",
+        ),
         ("    model.cam_poscom0[number] = pose.position - data.subtree_com[body]\n", ""),
         ("        textures[sky] = frame\n", "        pass\n"),
         ('{**flags, "skybox": True}', '{"skybox": True, **flags}'),

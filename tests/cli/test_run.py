@@ -612,7 +612,7 @@ def test_a_damaged_file_of_an_earlier_call_is_reported_in_one_line(
 
     monkeypatch.setattr(Run, "play", damaged)
     assert _finished(_made(tmp_path), tmp_path)[0] == FAILED
-    assert capsys.readouterr().err.startswith("limberjack: a part is damaged; 0 of 3 episodes")
+    assert capsys.readouterr().err == "limberjack: a part is damaged\n"
 
 
 def test_an_error_of_this_package_keeps_its_traceback_after_the_files_are_written(
