@@ -7,7 +7,7 @@ import rich.table
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.options import Domain, TaskName, named_task
+from limberjack.cli.options import Domain, TaskName, named_task, refuse_beside
 from limberjack.cli.output import MISUSED, complain, console, misuse_reported, table
 from limberjack.cli.progress import show_parts
 from limberjack.utils.facts import title_of
@@ -70,7 +70,11 @@ def _bench(
     if device is not None:
         with misuse_reported():
             where = named_task(domain, task)
-            _check_alone(device, {"--threads": threads, "--columns": columns})
+            refuse_beside(
+                {"--threads": threads, "--columns": columns},
+                f"--device {device}, which measures MuJoCo Warp: leave it out, or leave out "
+                "--device to measure batches on this machine's cores",
+            )
         _bench_on_device(*where, num_envs, device, seconds)
         return
     with misuse_reported(), show_parts() as show:
@@ -85,16 +89,6 @@ def _bench(
             on_progress=lambda part, share: show(part, share, 1.0),
         )
     _print(result, num_envs)
-
-
-def _check_alone(device: str, others: Mapping[str, str | None]) -> None:
-    """Raises ValueError if an option is given that --device does not have."""
-    given = [name for name, value in others.items() if value is not None]
-    if given:
-        raise ValueError(
-            f"got {' and '.join(given)} beside --device {device}, which measures MuJoCo Warp: "
-            "leave it out, or leave out --device to measure batches on this machine's cores"
-        )
 
 
 def _bench_on_device(

@@ -32,6 +32,7 @@ from limberjack.cli.options import (
     camera_named,
     chosen_seeds,
     named_environment,
+    refuse_beside,
     shard_named,
     world_named,
 )
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 
 __all__: list[str] = []
 
+_SET = "--set, which names the tasks: leave it out"
 _EPISODES = 100  # by default
 _MINARI = "minari"  # the folder, within --out, of a dataset in Minari's format
 
@@ -148,7 +150,7 @@ def _collect(
     """
     with misuse_reported():
         if task_set is not None:
-            _check_alone(domain, env)
+            refuse_beside({"DOMAIN": domain, "--env": env}, _SET)
         where = None if task_set else named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, world = shard_named(shard, out), world_named(env, faults, appearance)
@@ -259,13 +261,6 @@ def _play(
     folder = str(absolute(kwargs["out"]))
     data.collect(*where, policy, seeds, **kwargs)
     return [folder]
-
-
-def _check_alone(domain: str | None, env: str | None) -> None:
-    """Raises ValueError if a task is given beside a set."""
-    given = [name for name, value in (("DOMAIN", domain), ("--env", env)) if value is not None]
-    if given:
-        raise ValueError(f"got {given[0]} beside --set, which names the tasks: leave it out")
 
 
 def _finish(out: str, format: _Format) -> None:

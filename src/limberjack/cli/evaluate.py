@@ -26,6 +26,7 @@ from limberjack.cli.options import (
     Workers,
     chosen_seeds,
     named_environment,
+    refuse_beside,
     shard_named,
     world_named,
 )
@@ -158,9 +159,8 @@ _FIXED = (
 
 def _check_fixed(*values: object) -> None:
     """Raises ValueError if an argument is given that --set fixes."""
-    given = [name for name, value in zip(_FIXED, values, strict=True) if value is not None]
-    if given:
-        raise ValueError(f"got {' and '.join(given)} beside --set, which fixes them: leave it out")
+    given = dict(zip(_FIXED, values, strict=True))
+    refuse_beside(given, "--set, which fixes them: leave it out")
 
 
 def _only(names: list[str]) -> str:

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -48,6 +49,7 @@ __all__ = [
     "function_named",
     "named_environment",
     "named_task",
+    "refuse_beside",
     "shard_named",
     "world_named",
 ]
@@ -381,3 +383,15 @@ def finite(time_limit: float | None) -> float | None:
     if time_limit is not None and math.isinf(time_limit):
         raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
     return time_limit
+
+
+def refuse_beside(others: Mapping[str, object], owner: str) -> None:
+    """Raises ValueError if options are given beside one that they do not go with.
+
+    Args:
+      others: the values of these options by name; None for those that are not given.
+      owner: the option that is given, with the reason.
+    """
+    given = [name for name, value in others.items() if value is not None]
+    if given:
+        raise ValueError(f"got {' and '.join(given)} beside {owner}")

@@ -27,7 +27,6 @@ from dm_env import specs
 from limberjack.rl import action_specs
 from limberjack.rl.builds import Build, Make, Seeded, numbers_of, physics_of
 from limberjack.rl.control import Environment, shown_by
-from limberjack.rl.copies import check_copies, copied
 from limberjack.rl.pixels import Pixels
 from limberjack.rl.represented import Description
 from limberjack.rl.row_step import RowStep
@@ -220,13 +219,9 @@ class Single:
         Raises:
           TypeError: the environment keeps something that cannot be copied.
         """
-        plain = self._plain
-        if plain is None:
+        if self._plain is None:
             return self._row.snapshot()
-        if not self._edits_model:
-            return plain.snapshot()
-        check_copies(plain, are_seeded=False)
-        return Snapshot.of_copy(copied(plain), plain.registration, self._row.name)
+        return self._row._saved(0, as_copy=self._edits_model)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Continues from a snapshot, bit for bit, of this class or of a row of it.

@@ -46,7 +46,7 @@ from limberjack.rl.episode_attributes import EpisodeAttributes, check_declared
 from limberjack.rl.given_state import state_sizes
 from limberjack.rl.late_changes import LateChanges
 from limberjack.rl.memory import Memory, remembered
-from limberjack.rl.pixels import Frames, Pixels
+from limberjack.rl.pixels import Frames, Pixels, saved_pictures
 from limberjack.rl.randomize import show_drawn, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
@@ -333,7 +333,7 @@ class BatchEnvironment(Batch):
                 self._counter.steps[rows],
                 self._begins[rows],
                 self._streams.save(rows, with_beside=self._randomizer is not None),
-                self._saved_pictures(rows),
+                saved_pictures(self._frames, self._looks, rows),
                 self.registration,
                 self.name,
                 self._remembered(rows),
@@ -563,11 +563,6 @@ class BatchEnvironment(Batch):
         """Computes all quantities of rows from the states in which they start."""
         self._replicas.start(rows)
         self._late.computed(rows)
-
-    def _saved_pictures(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Stacks of pictures, and what looks are drawn from, if there are any."""
-        frames = {} if self._frames is None else self._frames.save(rows)
-        return frames if self._looks is None else {**frames, **self._looks.save(rows)}
 
     def _begin_streams(self, rows: Iterable[int]) -> None:
         """Draws from the rows' new streams: the length of a first episode, and model fields.

@@ -55,7 +55,7 @@ from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import is_of_the_suite, put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.overridable import overridable
-from limberjack.rl.pixels import Frames, PixelOptions, Pixels
+from limberjack.rl.pixels import Frames, PixelOptions, Pixels, saved_pictures
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms, success_of
@@ -556,7 +556,7 @@ class Environment(dm_env.Environment):
                 np.array([self._step_count]),
                 np.array([self._reset_next_step]),
                 [tuple(streams)],
-                self.__saved_pictures(),
+                saved_pictures(ours.frames, ours.looks, None),
                 ours.registration,
                 ours.name,
                 [memory] if memory else [],
@@ -729,12 +729,6 @@ class Environment(dm_env.Environment):
         ours = self._ours
         if ours.looks is not None and not ours.is_closed:
             self.__simulated.simulation.look = ours.looks.of(0)
-
-    def __saved_pictures(self) -> dict[str, np.ndarray]:
-        """The stack of pictures, and what the look is drawn from, if there are any."""
-        ours = self._ours
-        frames = {} if ours.frames is None else ours.frames.save(None)
-        return frames if ours.looks is None else {**frames, **ours.looks.save(None)}
 
     @property
     def __simulated(self) -> SimulatedPhysics:

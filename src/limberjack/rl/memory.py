@@ -74,7 +74,9 @@ def remembered(task: object, physics: object) -> Memory:
         return {}
     kept = _kept(task, physics)
     _check_complete(kept, task, physics)
-    memo = _memo(task, physics)
+    memo: dict[int, object] = {  # in which others stand for the parts of the environment
+        id(one): _own(name) for name, one in _parts_of(task, physics).items()
+    }
     copies: dict[str, dict[str, object]] = {}
     for owner, attributes in kept.items():
         copies[owner] = {}
@@ -278,11 +280,6 @@ def _parts_of(task: object, physics: object) -> dict[str, object]:
         name: not isinstance(one, ATOMS) and type(one) is not tuple for name, one in parts.items()
     }
     return {name: one for name, one in parts.items() if is_part[name]}
-
-
-def _memo(task: object, physics: object) -> dict[int, object]:
-    """A memo for `copy.deepcopy`, in which others stand for the parts of an environment."""
-    return {id(one): _own(name) for name, one in _parts_of(task, physics).items()}
 
 
 def _is_unchanged(owner: object) -> bool:

@@ -30,6 +30,7 @@ from limberjack.rl.contract import Drawn
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.observations import of_type
 from limberjack.utils.suggest import check_names
+from limberjack.worlds.appearance.looks import Looks
 
 __all__ = [
     "PIXELS_KEY",
@@ -39,6 +40,7 @@ __all__ = [
     "cameras_of",
     "render_arguments",
     "render_cameras",
+    "saved_pictures",
 ]
 
 PIXELS_KEY = "pixels"  # name of the pictures among the observations
@@ -284,3 +286,11 @@ def render_cameras(
         given["overlays"] = tuple(overlays)
     pictures = [draw(**{**given, "camera_id": camera}) for camera in cameras]
     return pictures[0] if len(pictures) == 1 else np.concatenate(pictures, axis=axis)
+
+
+def saved_pictures(
+    frames: Frames | None, looks: Looks | None, rows: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """The stacks of pictures of rows, and what their looks are drawn from, if there are any."""
+    found = {} if frames is None else frames.save(rows)
+    return found if looks is None else {**found, **looks.save(rows)}

@@ -37,7 +37,6 @@ __all__ = [
     "draws_globally",
     "model_of",
     "noted",
-    "observation_specs",
 ]
 
 _TRIAL_STEPS = 3
@@ -66,8 +65,14 @@ class Form:
         Raises:
           TypeError, ValueError: its actions or observations are of another kind than arrays.
         """
-        observed = observation_specs(env, name)
-        return cls(spec_of(env), observed, control_timestep_of(env), own_repeat(env))
+        observed = _named(env.observation_spec())
+        if not all(isinstance(one, specs.Array) for one in observed.values()):
+            raise TypeError(
+                f"observation_spec of {name} is {observed!r}; expected a dm_env.specs.Array, or a "
+                "mapping of them by name"
+            )
+        ordered = collections.OrderedDict(observed)
+        return cls(spec_of(env), ordered, control_timestep_of(env), own_repeat(env))
 
 
 class Trial:
@@ -191,25 +196,6 @@ def control_timestep_of(env: dm_env.Environment) -> float:
     if of_env is None:
         of_env = getattr(control_of(env), "control_timestep", None)
     return math.nan if of_env is None else float(of_env())
-
-
-def observation_specs(env: dm_env.Environment, name: str) -> Mapping[str, specs.Array]:
-    """The specs of an environment's observations by name.
-
-    Args:
-      env: the environment.
-      name: of its class, or of the function that makes it, in messages.
-
-    Raises:
-      TypeError: one is not an array.
-    """
-    named = _named(env.observation_spec())
-    if not all(isinstance(one, specs.Array) for one in named.values()):
-        raise TypeError(
-            f"observation_spec of {name} is {named!r}; expected a dm_env.specs.Array, or a mapping "
-            "of them by name"
-        )
-    return collections.OrderedDict(named)
 
 
 def _named(spec: object) -> Mapping[str, specs.Array]:

@@ -240,7 +240,7 @@ def first_camera(model: _HasCameras) -> int:
     return 0 if model.ncam else -1
 
 
-class Film:
+class Film(Writer):
     """A film of a running simulation; its file appears when it is finished."""
 
     def __init__(
@@ -266,7 +266,7 @@ class Film:
         """
         self._stride = frame_stride(control_timestep, _MAX_FRAME_RATES[_ending(path)])
         frame_rate = 1.0 / (control_timestep * self._stride)
-        self._writer = Writer(path, height, width, frame_rate)
+        super().__init__(path, height, width, frame_rate)
         self._height, self._width, self._camera = height, width, camera
         self._steps = 0
 
@@ -282,20 +282,8 @@ class Film:
     def add_picture(self, draw: Callable[[], np.ndarray]) -> None:
         """Adds the picture that `draw` returns, which is called only if this step has a frame."""
         if self._steps % self._stride == 0:
-            self._writer.write(draw())
+            self.write(draw())
         self._steps += 1
-
-    def finish(self) -> None:
-        """Completes the file and moves it to its path.
-
-        Raises:
-          OSError: it cannot be written; nothing of it remains.
-        """
-        self._writer.finish()
-
-    def discard(self) -> None:
-        """Ends the film and removes its file; does nothing to a finished film."""
-        self._writer.discard()
 
 
 def _ending(path: Path) -> str:

@@ -107,7 +107,7 @@ def test_the_page_of_a_run_that_was_cut_short_says_so(tmp_path: Path) -> None:
 def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fill_the_disk(path: Path, text: str, encoding: str) -> None:
+    def fill_the_disk(path: Path, content: bytes) -> None:
         path.touch()
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
@@ -121,7 +121,7 @@ def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier
     episode = run_episode(env, policies.zero, 3, recorder.add_step)
     with monkeypatch.context() as full:
         full.setattr("limberjack.see.report.recorder.write_result", lambda *arguments: None)
-        full.setattr(Path, "write_text", fill_the_disk)
+        full.setattr(Path, "write_bytes", fill_the_disk)
         with pytest.raises(OSError, match=r"No space left.*report\."):
             recorder.write(_RUN, [episode], "abc")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result.json", "return.png"]
