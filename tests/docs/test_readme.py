@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import bridge
 from limberjack import policies
 
 _REPOSITORY = Path(__file__).parents[2]
@@ -47,12 +48,18 @@ def test_the_comparisons_in_the_readme_are_those_of_the_long_comparison() -> Non
 
 def test_the_policies_that_the_readme_counts_are_the_bundled_ones() -> None:
     bundled = {(one.domain, one.task) for one in policies.bundled()}
-    assert f"the mean returns of all {len(bundled)} bundled policies" in _text()
+    assert f"the mean returns of the {len(bundled)} bundled policies only within noise" in _text()
     assert f"{len(bundled)} tasks have a bundled policy" in _text()
-    bridge = " ".join((_REPOSITORY / "docs" / "bridge.md").read_text(encoding="utf-8").split())
-    told = f"The bundled policies: no difference beyond noise on all {len(bundled)} tasks."
-    assert bridge.count(told) == 2  # beside MuJoCo 2.3.7 and beside 3.17
     assert "MuJoCo 2.3.7 and 3.17 change" in _text()
+
+
+def test_the_shifts_of_bundled_policies_that_exceed_noise_are_told() -> None:
+    for row in bridge.rows_of():
+        for side, versions in enumerate(row["versions"][1:]):
+            shift = bridge.Shift.of(row["returns"][0], row["returns"][side + 1])
+            if row["policy"] == "pretrained" and not shift.is_noise:
+                told = f"that of {row['domain']} {row['task']} shifts by {shift.mean:.0f} of 1,000"
+                assert f"{told} on MuJoCo {versions['mujoco']}" in _text()
 
 
 def test_the_cost_of_python_in_the_readme_is_the_one_that_was_measured() -> None:
