@@ -37,6 +37,7 @@ def test_the_policy_of_the_median_run_is_bundled_with_its_scores(
     means = {run["seed"]: run["mean"] for run in result["runs"]}
     assert means[result["bundled"]] == statistics.median_low(means.values())
     (run,) = (one for one in result["runs"] if one["seed"] == result["bundled"])
+    assert len(means) >= (1 if run["steps"] == 1_000_000 else 3)  # a run of a million takes an hour
     assert len(run["returns"]) == len(learned.SEEDS)
     assert run["mean"] == pytest.approx(statistics.fmean(run["returns"]))
     card, scores = bundled.card, bundled.card.scores

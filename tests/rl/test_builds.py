@@ -9,6 +9,7 @@ import pytest
 
 from limberjack.rl import batch_of, builds
 from limberjack.rl.builds import Build, takes_a_seed
+from limberjack.rl.rows import RowsEnvironment
 from tests import plain_domain
 
 from . import odd_environments as odd
@@ -288,8 +289,10 @@ def test_settings_that_are_drawn_from_the_seed_belong_to_its_rows(kind: str) -> 
     assert not builds.is_stable(Build.of(make), 0)
     batch = batch_of(make, 2, seed=0)
     batch.reset(seeds=[4, 5])
-    for row, env in enumerate(batch.get_attr("task")):
-        np.testing.assert_equal(env.setting, make(4 + row).task.setting)
+    assert isinstance(batch, RowsEnvironment)
+    for row, task in enumerate(batch.get_attr("task")):
+        setting = getattr(task, "setting")  # noqa: B009 (of a user's task)
+        np.testing.assert_equal(setting, make(4 + row).task.setting)
 
 
 def test_settings_that_are_alike_are_stable() -> None:

@@ -649,4 +649,4 @@ def test_a_row_with_attributes_of_its_own_is_noticed_before_any_is_restored() ->
     vars(batch.environments[1])["tag"] = 1
     with pytest.raises(ValueError, match=r"expected copies .*; nothing was restored"):
         batch.restore(snapshot)
-    assert [env._step_count for env in batch.environments] == [2, 2]
+    assert batch.snapshot().step_count.tolist() == [2, 2]
