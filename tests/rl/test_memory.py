@@ -244,8 +244,8 @@ def test_what_a_task_keeps_of_its_environment_is_that_of_the_one_that_is_restore
     is_pickled: bool,
 ) -> None:
     one, other = _holding(0), _holding(1)
-    del other.physics.named, other.task.named  # as before their first use
     one.reset(), other.reset(), one.step([1.0])
+    del other.physics.named, other.task.named  # as before their first use
     snapshot = one.snapshot()
     other.restore(pickle.loads(pickle.dumps(snapshot)) if is_pickled else snapshot)
     for _ in range(3):

@@ -159,7 +159,7 @@ _FIXED = (
 
 def _check_fixed(*values: object) -> None:
     """Raises ValueError if an argument is given that --set fixes."""
-    given = dict(zip(_FIXED, values, strict=True))
+    given: dict[str, object] = dict(zip(_FIXED, values, strict=True))
     refuse_beside(given, "--set, which fixes them: leave it out")
 
 
