@@ -259,6 +259,29 @@ def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path)
     assert list((tmp_path / "parts").iterdir()) == [other]
 
 
+@pytest.mark.parametrize("shard", [None, (1, 8)])
+def test_only_the_probes_of_the_same_part_are_removed(
+    shard: tuple[int, int] | None, tmp_path: Path
+) -> None:
+    (tmp_path / "parts").mkdir()
+    probes = {
+        of: tmp_path / "parts" / f".probe-{mark}0123456789abcdef"
+        for of, mark in ((None, ""), ((1, 8), "1-of-8-"), ((2, 8), "2-of-8-"))
+    }
+    for path in probes.values():
+        path.touch()
+        path.with_name(f".{path.name}.77.part").touch()  # half written
+    with Folder(tmp_path, _RECIPE, shard) as folder:
+        _plan(folder, range(60, 64), range(60, 64))
+        folder.log({"began": "now"})
+    removed = probes.pop(shard)
+    assert not removed.exists()
+    assert not removed.with_name(f".{removed.name}.77.part").exists()
+    for path in probes.values():
+        assert path.exists()
+        assert path.with_name(f".{path.name}.77.part").exists()
+
+
 @pytest.mark.parametrize("shard", [None, (1, 1)])
 def test_files_that_a_lost_worker_left_unfinished_are_removed_in_the_end(
     shard: tuple[int, int] | None, tmp_path: Path

@@ -132,6 +132,12 @@ def test_a_pipe_in_the_place_of_a_file_is_refused_at_once(name: str, folder: Pat
         load(folder)
 
 
+def test_as_many_other_files_are_not_compared_with_the_returns_of_all(folder: Path) -> None:
+    _add(folder / "episodes")
+    _remove(folder / "episodes")
+    load(folder, allow_gaps=True).verify()
+
+
 def test_a_dataset_of_format_1_is_read(tmp_path: Path) -> None:
     dataset = load(_FORMAT_1)
     assert (dataset.recipe.format, dataset.seeds, dataset.steps) == (1, [63, 64], 10)

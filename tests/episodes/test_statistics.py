@@ -113,3 +113,9 @@ def test_returns_that_are_not_finite_are_null_in_json() -> None:
         json.dumps(numbers, allow_nan=False)
         assert (numbers["mean"], numbers["median"]) == (None, None)
         assert numbers["episodes"] == 3
+
+
+def test_returns_that_are_infinite_have_no_mean_and_raise_no_warning() -> None:
+    summary = summarise(_scores(np.inf, -np.inf))
+    assert np.isnan(summary.mean)
+    assert summary.as_json()["mean"] is None

@@ -195,3 +195,16 @@ def plain(seed: int) -> Environment:
 def heavy_plain(seed: int) -> Environment:
     """Another one."""
     return plain_domain.heavier(seed)
+
+
+class Unreadable:
+    """A function that only its own process can read."""
+
+    def __init__(self) -> None:
+        self.pid = os.getpid()
+
+    def __call__(self, setup: Setup, seeds: tuple[int, ...]) -> object:
+        return seeds
+
+    def __setstate__(self, state: dict[str, int]) -> None:
+        raise ValueError("this is of another process")

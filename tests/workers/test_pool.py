@@ -24,6 +24,7 @@ from limberjack.workers.process import write_message
 from .killing import is_alive, kill_often
 from .playing import (
     TASK,
+    Unreadable,
     exit_status,
     pid,
     real_time_signal,
@@ -187,6 +188,15 @@ def test_what_has_no_pickle_is_one_line() -> None:
             list(pool.results(function, _units(setup, range(1))))
         assert "\n" not in str(caught.value)
         assert pool._lost == 0
+
+
+def test_what_a_worker_could_not_read_is_sent_to_it_again() -> None:
+    setup = prepare(*TASK, "random")
+    with Pool(1) as pool:
+        for _ in range(2):
+            with pytest.raises(WorkError, match="this is of another process"):
+                list(pool.results(Unreadable(), _units(setup, range(1))))
+        assert list(pool.results(seeds_of, _units(setup, range(1))))
 
 
 def test_closing_a_pool_ends_units_in_the_middle() -> None:

@@ -13,7 +13,6 @@ from limberjack.rl.pixels import cameras_of, render_arguments
 from limberjack.utils import suggest
 from limberjack.utils.keywords import keywords, with_keywords
 from limberjack.utils.seeds import checked_seed, first_of_seeds
-from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
     "RENDER_MODES",
@@ -90,8 +89,9 @@ def check_options(options: object, *known: str) -> Mapping[str, object]:
     for name in options:
         if name not in known:
             raise TypeError(
-                f"options has {name!r}, which reset does not take.{did_you_mean(name, known)} "
-                f"There are: {', '.join(known)}; nothing was reset."
+                f"options has {name!r}, which reset does not take."
+                f"{suggest.did_you_mean(name, known)} There are: {', '.join(known)}; nothing was "
+                "reset."
             )
     return options
 
@@ -138,7 +138,7 @@ def autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
     except ValueError:
         values = [each.value for each in AutoresetMode]
         raise ValueError(
-            f"autoreset_mode is {mode!r}.{did_you_mean(mode, values)} Choose one of: "
+            f"autoreset_mode is {mode!r}.{suggest.did_you_mean(mode, values)} Choose one of: "
             f"{', '.join(values)}, or a gymnasium.vector.AutoresetMode."
         ) from None
 
