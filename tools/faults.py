@@ -1357,14 +1357,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("in kept[:-1]:", "in kept:"),
     ],
     "mujoco/fields.py": [
-        ('"key_qvel": "nv"', '"key_qvel": "nq"'),
+        ('        if field.name == "contact":\n            break\n', ""),
         ('["xx", "xy", "xz", "yx", "yy", "yz", "zx"', '["xx", "yx", "zx", "xy", "yy", "zy", "xz"'),
-        ('"numeric_data": "nnumericdata"', '"numeric_data": "nnumeric"'),
+        ("size if size in _NAMED else None", "size"),
         (
             '("contype", "conaffinity", "condim", "priority")',
             '("contype", "conaffinity", "condim")',
         ),
-        ("[: len(shape)]", "[:1]"),
+        ("[:dimensions]", "[:1]"),
     ],
     "mujoco/midphase.py": [
         ("if not 0 < len(planes) <= _FEW", "if not len(planes) <= _FEW"),

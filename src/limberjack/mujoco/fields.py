@@ -1,8 +1,7 @@
 """Names along the axes of MuJoCo's fields.
 
-The rules follow MuJoCo's own naming of its struct fields: `geom_pos` has one row per geom, `dof_*`
-one per degree of freedom. A field that matches no rule has unnamed axes, so new fields need no
-change here.
+MuJoCo declares the sizes of its fields: `geom_pos` has one row for each geom, `dof_*` one for each
+degree of freedom. So new fields need no change here, except names of columns.
 """
 
 import functools
@@ -74,68 +73,8 @@ COLUMN_NAMES = {
     "rgba": ["r", "g", "b", "a"],
 }
 
-# Fields of MjModel: the size of the rows by the prefix before the first underscore.
-_MODEL_PREFIXES = {
-    **{size.removeprefix("n"): size for size in OBJECTS if size != "nplugin"},
-    "dof": "nv",
-}
-# Exceptions, whose rows do not follow from their prefix.
-_MODEL_ROWS = {
-    "qpos0": "nq",
-    "qpos_spring": "nq",
-    "numeric_data": "nnumericdata",
-    **dict.fromkeys(("actuator_ctrlrange", "actuator_ctrllimited"), "nu"),
-    **{f"actuator_{name}": "nout" for name in ("gear", "acc0", "length0", "lengthrange")},
-    "plugin": "nplugin",
-    "plugin_attradr": "nplugin",
-    "plugin_stateadr": "nplugin",
-    "plugin_statenum": "nplugin",
-    **dict.fromkeys(("M_rowadr", "M_rownnz", "D_diag", "D_rowadr", "D_rownnz"), "nv"),
-    **dict.fromkeys(("B_rowadr", "B_rownnz"), "nbody"),
-    **dict.fromkeys(("ten_J_rowadr", "ten_J_rownnz"), "ntendon"),
-    **{f"name_{kind}adr": size for size, kind in OBJECTS.items()},
-}
-# Fields that pool the data of all objects of a kind, so that rows do not correspond to objects.
-_MODEL_POOLS = (
-    "hfield_data tex_data text_data tuple_objid tuple_objprm tuple_objtype "
-    "mesh_face mesh_facenormal mesh_facetexcoord mesh_graph mesh_normal mesh_polynormal "
-    "mesh_polyvertadr mesh_polyvertnum mesh_polymap mesh_polyvert mesh_texcoord "
-    "mesh_polymapadr mesh_polymapnum mesh_vert skin_bonebindpos skin_bonebindquat "
-    "skin_bonebodyid skin_bonevertadr skin_bonevertnum skin_bonevertid skin_bonevertweight "
-    "skin_face skin_texcoord skin_vert flex_bending flex_edge flex_edgeflap flex_elemlayer "
-    "flex_elem flex_elemtexcoord flex_elemedge flex_node flex_node0 flex_nodebodyid "
-    "flex_shell flex_stiffness flex_texcoord flex_vert flex_vert0 flex_vertbodyid plugin_attr"
-)
-_MODEL_COLUMNS = {"key_qpos": "nq", "key_qvel": "nv", "key_act": "na", "key_ctrl": "nu"}
-
-# Fields of MjData by the size of their rows.
-_DATA_FIELDS = {
-    "nq": "qpos",
-    "nv": (
-        "qvel qacc qacc_smooth qacc_warmstart qfrc_applied qfrc_actuator qfrc_adhesion qfrc_bias "
-        "qfrc_constraint qfrc_damper qfrc_fluid qfrc_gravcomp qfrc_inverse qfrc_passive "
-        "qfrc_smooth qfrc_spring qLDiagInv qHDiagInv cdof cdof_dot dof_awake_ind"
-    ),
-    "na": "act act_dot",
-    "nu": "ctrl",
-    "nout": "actuator_force actuator_length actuator_velocity moment_rowadr moment_rownnz",
-    "nbody": (
-        "xpos xquat xmat xipos ximat xfrc_applied subtree_com subtree_linvel subtree_angmom cinert "
-        "crb cvel cacc cfrc_int cfrc_ext body_awake body_awake_ind parent_awake_ind"
-    ),
-    "njnt": "xanchor xaxis",
-    "ngeom": "geom_xpos geom_xmat",
-    "nsite": "site_xpos site_xmat",
-    "ncam": "cam_xpos cam_xmat",
-    "nlight": "light_xpos light_xdir",
-    "nmocap": "mocap_pos mocap_quat",
-    "neq": "eq_active",
-    "ntendon": "ten_length ten_velocity ten_wrapadr ten_wrapnum",
-    "nsensordata": "sensordata",
-    "nflex": "flex_hessian_valid",
-    "nplugin": "plugin plugin_data",
-}
-_DATA_ROWS = {name: size for size, names in _DATA_FIELDS.items() for name in names.split()}
+# Sizes whose elements have names.
+_NAMED = frozenset((*OBJECTS, *RAGGED, *ACTUATORS, "nmocap"))
 
 # Fields with named columns, by the kind of names.
 _COLUMN_FIELDS = {
@@ -152,31 +91,35 @@ _COLUMN_FIELDS = {
 _COLUMNS = {name: column for column, names in _COLUMN_FIELDS.items() for name in names.split()}
 
 
-def axes_of(
-    struct_name: str, field: str, shape: tuple[int, ...], model: mujoco.MjModel
-) -> tuple[str | None, ...]:
+def axes_of(struct_name: str, field: str, dimensions: int) -> tuple[str | None, ...]:
     """Size names of a field's first two axes, such as ('nbody', 'xyz'); None if unnamed.
 
     Args:
       struct_name: 'MjModel' or 'MjData'.
       field: the field's name.
-      shape: the field's shape in one simulation.
-      model: the official model.
+      dimensions: the number of its axes in one simulation.
     """
-    if struct_name == "MjData":
-        row = _DATA_ROWS.get(field)
-    else:
-        row = _MODEL_ROWS.get(field) or _model_row(field, shape, model)
-    column = _COLUMNS.get(field) or _MODEL_COLUMNS.get(field)
-    return (row, column)[: len(shape)]
+    row, column = _declared(struct_name).get(field, (None, None))
+    return (row, _COLUMNS.get(field, column))[:dimensions]
 
 
-def _model_row(field: str, shape: tuple[int, ...], model: mujoco.MjModel) -> str | None:
-    """The size implied by a field's prefix, if it matches the field's length."""
-    if field in _MODEL_POOLS.split():
-        return None
-    size = _MODEL_PREFIXES.get(field.split("_")[0])
-    return size if size is not None and shape and shape[0] == getattr(model, size) else None
+@functools.cache
+def _declared(struct_name: str) -> dict[str, tuple[str | None, str | None]]:
+    """The named sizes along the first two axes of each field, as MuJoCo declares them.
+
+    Fields of MjData from `contact` on lie in its arena, where they move between steps: theirs are
+    unnamed.
+    """
+    from mujoco.introspect.structs import STRUCTS  # takes 16 ms; not every program uses names
+
+    found = {}
+    for field in STRUCTS[struct_name.replace("Mj", "mj")].fields:
+        if field.name == "contact":
+            break
+        sizes = getattr(field, "array_extent", None) or ()
+        row, column, *_ = [*(size if size in _NAMED else None for size in sizes), None, None]
+        found[field.name] = (row, column)
+    return found
 
 
 # Options that must stay constant during a run.

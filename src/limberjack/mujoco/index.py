@@ -312,8 +312,7 @@ class NamedFields:
             raise AttributeError(f"{self._struct_name} has no field {name!r}.{hint}") from error
         if not hasattr(field, "shape") or getattr(field.dtype, "fields", None):
             raise AttributeError(f"{self._struct_name}.{name} is not an array, so it has no names")
-        shape = tuple(field.shape[batch:])
-        sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
+        sizes = fields.axes_of(self._struct_name, name, len(field.shape) - batch)
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
         # The dtype of an array on a device has no kind; integers are not there.
         is_guarded = type(field) is not np.ndarray and getattr(field.dtype, "kind", "f") in "iub"

@@ -159,7 +159,7 @@ def _of_sensor(model: "MjModel", number: int) -> list[Label]:
 
 def _of_field(model: "MjModel", name: str, unit: str, shape: Sequence[int]) -> list[Label]:
     """The labels of a field whose rows are objects, and whose columns have names or are none."""
-    size = fields.axes_of("MjData", name, tuple(shape), model)[0]
+    size = fields.axes_of("MjData", name, len(shape))[0]
     if size is None:
         return []
     if size == "nmocap":
