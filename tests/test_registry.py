@@ -81,9 +81,3 @@ def test_importing_the_registry_imports_neither_numpy_nor_mujoco_nor_a_domain() 
     print(sorted(heavy & set(sys.modules)))
     """
     assert run(program, str(_PACKAGE)) == "[]\n"
-
-
-def test_the_largest_task_has_the_most_degrees_of_freedom() -> None:
-    largest = registry.largest_task()
-    (dof,) = [row.dof for row in registry.TASKS if (row.domain, row.task) == largest]
-    assert dof == max(row.dof for row in registry.TASKS)

@@ -1,6 +1,7 @@
 """Policies as actors on batches: how they are found, named and hashed."""
 
 import collections
+import contextlib
 import functools
 import importlib
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from limberjack import policies, suite
 from limberjack.episodes.playing import batch_for, play
 from limberjack.policies import PolicyError
 from limberjack.policies.actors import Batched
-from limberjack.rl import control
+from limberjack.rl import batch_of, control
 from limberjack.suite import base
 from tests.rollouts import run_episode
 
@@ -30,6 +31,55 @@ def _load(domain: str, task: str) -> Any:
     limit = _STEPS * environment.control_timestep()
     environment.close()
     return suite.load(domain, task, {"time_limit": limit})
+
+
+class _Chosen(base.Task):
+    """A task whose action is the number of a force."""
+
+    def action_spec(self, physics: Any) -> specs.DiscreteArray:
+        return specs.DiscreteArray(3)
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        physics.set_control(np.array([-1.0, 0.0, 1.0])[action][..., None])
+
+    def get_observation(self, physics: Any) -> Any:
+        return collections.OrderedDict(position=physics.position().copy())
+
+    def get_reward(self, physics: Any) -> Any:
+        return physics.velocity()[..., 0]
+
+
+@pytest.mark.parametrize("policy", ["zero", "random", lambda observation: 2])
+def test_whole_numbers_reach_the_task_as_such(policy: Any) -> None:
+    physics: Any = suite.load("cartpole", "balance").physics
+    environment = control.Environment(physics, _Chosen(random=0), time_limit=0.1)
+    actor = policies.find(policy, environment)
+    for vectorised in (True, False):
+        batch = batch_for(environment, actor, range(3), 1, vectorised=vectorised)
+        played = [one for ended in play(batch, actor, range(3)) for one in ended]
+        totals = {one.seed: one.total for one in played}
+        environment.reseed(1)
+        assert run_episode(environment, actor, 1).total == totals[1]
+
+
+def test_a_generator_is_no_policy() -> None:
+    with pytest.raises(PolicyError, match="builtins:generator"):
+        policies.find(action for action in range(3))
+
+
+def test_rows_that_a_policy_of_64_cannot_tell_apart_are_refused() -> None:
+    build = _load("walker", "walk")
+    actor = policies.find("evaluated:Network", build)
+    with (
+        contextlib.closing(batch_of(build, 65, 1, seed=0)) as batch,
+        pytest.raises(PolicyError, match="acts in 64 rows at once, and the batch has 65"),
+    ):
+        actor.begin(batch, np.arange(65), range(65))
+    rows = np.arange(2)
+    with contextlib.closing(batch_of(build, 2, 1, seed=0)) as batch:
+        actor.begin(batch, rows, [3, 67])
+        with pytest.raises(PolicyError, match=r"the same for two of the seeds \[3, 67\]"):
+            actor.act(batch.reset().observation, rows)
 
 
 @pytest.mark.parametrize(

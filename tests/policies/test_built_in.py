@@ -1,5 +1,8 @@
 """Zero, random and the planner, and the beginning of an episode."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from dm_env import specs
@@ -22,6 +25,21 @@ def test_random_actions_fill_the_bounds() -> None:
     # 2,000 uniform draws leave a gap of 1 % at an end with a probability of 2e-9.
     np.testing.assert_allclose(actions.min(axis=0), _SPEC.minimum, atol=0.02)
     np.testing.assert_allclose(actions.max(axis=0), _SPEC.maximum, atol=0.02)
+
+
+def test_actions_are_whole_numbers_where_those_of_the_spec_are() -> None:
+    spec = specs.BoundedArray((2,), np.int32, [-3, 1], [-1, 3])
+    environment: Any = SimpleNamespace(action_spec=lambda: spec)
+    act = policies.find("zero").begin_alone(environment, 0)
+    assert act({}).dtype == np.int32
+    assert act({}).tolist() == [-1, 1]
+    act = policies.find("random").begin_alone(environment, 0)
+    actions = np.array([act({}) for _ in range(3000)])
+    assert actions.dtype == np.int32
+    for column, first in zip(actions.T, (-3, 1), strict=True):
+        numbers, counts = np.unique(column, return_counts=True)
+        assert numbers.tolist() == [first, first + 1, first + 2]
+        assert counts.min() > 850  # six deviations below 1,000
 
 
 def test_random_actions_depend_on_the_seed_alone() -> None:

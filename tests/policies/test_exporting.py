@@ -2,13 +2,14 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from limberjack import policies, suite
-from limberjack.policies import PolicyError, mlp, onnx
+from limberjack.policies import PolicyError, exporting, mlp, onnx
 from limberjack.policies.exporting import export
 from tests.policies.saved_models import without_sb3
 from tests.rollouts import run_episode
@@ -241,6 +242,34 @@ def test_a_model_with_a_task_has_its_layout_and_model(baselines: Any, tmp_path: 
         with pytest.raises(PolicyError, match=f"does not fit: {message}"):
             export(name, tmp_path / "other", task=other)
     assert not (tmp_path / "other").exists()
+
+
+def test_a_task_is_a_domain_and_a_task(tmp_path: Path) -> None:
+    task: Any = "walker:walk"
+    with pytest.raises(
+        TypeError, match=r"task is 'walker:walk'; expected a domain and a task, as \("
+    ):
+        export("sb3:none.zip", tmp_path / "p", task=task)
+
+
+@pytest.mark.parametrize("bound", [1e-5, 1.0, 1e30])
+def test_a_file_that_acts_otherwise_is_not_written(bound: float, tmp_path: Path) -> None:
+    """By a ten thousandth of its range, or of its actions where the range is wide."""
+    card = mlp.Card(layout=(("observations", (1,)),), low=(-bound,), high=(bound,))
+    network = mlp.Mlp([(np.zeros((1, 1)), np.zeros(1))], card)
+
+    def acting(action: float) -> Any:
+        def predict(seen: np.ndarray, deterministic: bool) -> tuple[np.ndarray, None]:
+            return np.full((len(seen), 1), action), None
+
+        data = {"observation_space": SimpleNamespace(shape=(1,))}
+        policy = SimpleNamespace(predict=predict)
+        return SimpleNamespace(data=data, policy=policy, normalisation=None)
+
+    scale = min(bound, 1.0)
+    exporting._check_equal(acting(1e-6 * scale), network)
+    with pytest.raises(ValueError, match=r"an action differs by 0\.0001"):
+        exporting._check_equal(acting(1e-4 * scale), network)
 
 
 def _refused(message: str, path: Path) -> None:

@@ -166,6 +166,9 @@ def test_named_observations_are_joined_in_the_order_of_the_card(tmp_path: Path) 
 
 def test_an_observation_of_another_size_is_refused(tmp_path: Path) -> None:
     _saved(tmp_path / "p")
+    short = {"orientations": np.ones((64, 1)), "height": np.ones(64), "speed": np.ones((64, 2))}
+    with pytest.raises(ValueError, match=r"shape \(64, 4\); expected \(\.\.\., 9\)"):
+        mlp.load(tmp_path / "p").act_batch(short)  # none is repeated to fill the space of six
     with pytest.raises(ValueError, match=r"shape \(64, 8\); expected \(\.\.\., 9\)"):
         mlp.load(tmp_path / "p").actions(np.zeros((64, 8)))
 

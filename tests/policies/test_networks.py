@@ -1,5 +1,6 @@
 """`mlp:PATH` and `pretrained`, played as any other policy."""
 
+import collections
 import dataclasses
 import logging
 from pathlib import Path
@@ -11,10 +12,12 @@ import pytest
 from dm_env import specs
 
 from limberjack import data, policies, suite, viewer
+from limberjack.episodes.playing import batch_for, play
 from limberjack.evaluation import evaluate
 from limberjack.policies import PolicyError, mlp, networks
 from limberjack.rl.control import Environment
 from limberjack.rl.randomize import scale, shift
+from limberjack.suite import base
 from limberjack.suite.wrappers import action_scale, pixels
 from limberjack.viewer.session import Session
 from limberjack.workers.shipping import ship, unpack
@@ -165,6 +168,68 @@ def test_a_network_of_flat_observations_plays_any_form_of_them(tmp_path: Path) -
         for is_flat in (False, True):
             environment = _load(flat_observation=is_flat)
             assert run_episode(environment, policies.find(name, environment), 7).total == expected
+
+
+class _Named(base.Task):
+    """A task whose observations are in the order of no alphabet."""
+
+    def __init__(self, kind: type) -> None:
+        super().__init__(random=0)
+        self._kind = kind
+
+    def get_observation(self, physics: Any) -> Any:
+        return self._kind([("z", physics.velocity() + 1.0), ("a", physics.velocity() - 1.0)])
+
+    def get_reward(self, physics: Any) -> Any:
+        return physics.control()[..., 0]
+
+
+@pytest.mark.parametrize("kind", [dict, collections.OrderedDict])
+def test_a_flat_observation_has_the_order_of_the_card_or_is_refused(
+    kind: type, tmp_path: Path
+) -> None:
+    """As in dm_control, a flat observation of a plain dictionary is in the order of the names."""
+    physics: Any = suite.load("cartpole", "balance").physics
+
+    def made(is_flat: bool) -> Environment:
+        return Environment(physics, _Named(kind), time_limit=0.1, flat_observation=is_flat)
+
+    layer = np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros(1)  # acts as the first number
+    for name, layout in (
+        ("named", networks.layout_of(made(is_flat=False))),
+        ("flat", networks.layout_of(made(is_flat=True))),
+    ):
+        mlp.save(tmp_path / name, [layer], mlp.Card(layout=layout, low=(-1.0,), high=(1.0,)))
+    policy = f"mlp:{tmp_path / 'named'}"
+    act = policies.find(policy, made(is_flat=False)).begin_alone(made(is_flat=False), 0)
+    assert act(made(is_flat=False).reset().observation)[0] > 0.5
+    if kind is dict:
+        with pytest.raises(PolicyError, match=r"takes z, a in this order, .* has a, z: make"):
+            policies.find(policy, made(is_flat=True))
+    else:
+        act = policies.find(policy, made(is_flat=True)).begin_alone(made(is_flat=True), 0)
+        assert act(made(is_flat=True).reset().observation)[0] > 0.5
+    for is_flat in (False, True):  # the first number of a flat observation
+        policy = policies.find(f"mlp:{tmp_path / 'flat'}", made(is_flat))
+        action = policy.begin_alone(made(is_flat), 0)(made(is_flat).reset().observation)
+        assert (action[0] < -0.5) == (kind is dict)
+
+
+def test_a_policy_that_is_found_as_its_episode_begins_repeats_actions_once(tmp_path: Path) -> None:
+    name = write(tmp_path / "p", action_repeat=2)
+    environment = _load()
+    totals = []
+    for actor in (policies.find(name), policies.find(name, environment)):
+        batch = batch_for(environment, actor, [7])
+        (played,) = [one for ended in play(batch, actor, [7], action_repeat=2) for one in ended]
+        totals.append(played.total)
+    assert totals[0] == totals[1]
+
+
+def test_bounds_beyond_float32_are_the_widest_of_it(tmp_path: Path) -> None:
+    card = mlp.Card(layout=(("x", (1,)),), low=(-1e39,), high=(1e39,))
+    mlp.save(tmp_path / "p", [(np.full((1, 1), 3e38), np.zeros(1))], card)
+    assert mlp.load(tmp_path / "p").actions([2.0]).tolist() == [np.finfo(np.float32).max]
 
 
 def test_pictures_beside_the_observations_are_ignored(tmp_path: Path) -> None:

@@ -158,6 +158,19 @@ def test_first_steps_and_the_model_are_compared_too(make: Any) -> None:
     assert not builds.is_reproducible(Build.of(make), 3)
 
 
+def _defined_inside(seed: int) -> Any:
+    class Inside(odd.Pole):
+        """A class that is another one each time, and does the same."""
+
+    return odd.environment(Inside, seed)
+
+
+def test_classes_that_are_defined_as_the_environment_is_made_are_compared_by_name() -> None:
+    build = Build.of(_defined_inside)
+    assert builds.is_reproducible(build, 3)
+    assert not builds.is_stable(build, 3)  # a class may depend on the seed: rows are made
+
+
 class _Diverging(odd.Pole):
     def after_step(self, physics: Any) -> None:
         physics.named.data.qvel["hinge"] = 1e20

@@ -57,6 +57,13 @@ def control_batch(num_envs: int) -> BatchEnvironment:
     return batch
 
 
+def test_an_attribute_of_a_users_task_is_no_kind_of_start() -> None:
+    env = suite.load("cartpole", "balance")
+    task: Any = SimpleNamespace(start=np.zeros(2))
+    env._task = task
+    assert base.kind_of_start(env) is None
+
+
 def test_a_user_task_runs() -> None:
     env = make(random=0)
     first = env.reset()

@@ -172,6 +172,29 @@ def test_a_task_has_its_times_and_actuators(fact: _Fact) -> None:
     assert parameters["time_limit"].default == fact.time_limit
 
 
+def test_environment_kwargs_in_those_of_the_task_are_kept_beside_others() -> None:
+    of_task = {"environment_kwargs": {"flat_observation": True, "n_sub_steps": 2}}
+    env = suite.load("cartpole", "swingup", of_task, {"n_sub_steps": 3})
+    assert list(env.reset().observation) == ["observations"]
+    assert env._n_sub_steps == 3  # the last one, as in dm_control
+    env = suite.load("cartpole", "swingup", of_task, faults="easy")
+    assert list(env.observation_spec()) == ["observations"]
+
+
+@pytest.mark.parametrize("name", ["physics", "task", "flat"])
+def test_unknown_environment_kwargs_are_named_with_those_that_there_are(name: str) -> None:
+    with pytest.raises(TypeError, match=f"in environment_kwargs '{name}'") as caught:
+        suite.load("cartpole", "swingup", environment_kwargs={name: 1})
+    assert "flat_observation" in str(caught.value)
+    assert "time_limit" not in str(caught.value)
+
+
+def test_a_domain_that_is_no_text_is_refused() -> None:
+    domain: object = ["walker"]
+    with pytest.raises(ValueError, match=r"Domain \['walker'\] does not exist"):
+        suite.load(domain, "walk")  # pyright: ignore[reportArgumentType]
+
+
 @every_task
 def test_keywords_reach_the_factory_and_the_environment(fact: _Fact) -> None:
     domain, task = fact.domain, fact.task

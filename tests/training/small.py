@@ -18,6 +18,7 @@ __all__ = [
     "blind",
     "make",
     "moving",
+    "of_one_array",
     "of_one_number",
     "remembering",
     "repeating",
@@ -31,6 +32,7 @@ SMALL = Settings(
     random_steps=60,
     noise=0.3,
     reward_offset=0.1,
+    updates=2 / 3,
     batch_size=16,
     actor=(16, 16),
     critic=(16,),
@@ -72,6 +74,28 @@ class _Remembering(dm_env.Environment):
 def remembering(seed: int) -> dm_env.Environment:
     """A short pendulum, which is stepped in complete environments."""
     return _Remembering(make(seed))
+
+
+class _OfOneArray(_Remembering):
+    """An environment whose observation has no name."""
+
+    def reset(self) -> dm_env.TimeStep:
+        return self._plain(super().reset())
+
+    def step(self, action: Any) -> dm_env.TimeStep:
+        return self._plain(super().step(action))
+
+    def observation_spec(self) -> Any:
+        return specs.Array((3,), float, "state")
+
+    def _plain(self, time_step: dm_env.TimeStep) -> dm_env.TimeStep:
+        parts = [np.ravel(one) for one in time_step.observation.values()]
+        return time_step._replace(observation=np.concatenate(parts))
+
+
+def of_one_array(seed: int) -> dm_env.Environment:
+    """A short pendulum that observes one array."""
+    return _OfOneArray(make(seed))
 
 
 def repeating(seed: int) -> dm_env.Environment:

@@ -12,7 +12,9 @@ _IDENTITY: dict[str, Any] = {"task": "walk", "seed": 0, "settings": {"steps": 10
 
 
 def _opened(directory: Path, **changed: object) -> contextlib.AbstractContextManager[Folder]:
-    return opened(directory, {**_IDENTITY, **changed}, {"command": "limberjack train"})
+    versions = {"mujoco": "4.0.0"}
+    more = {"command": "limberjack train", "versions": changed.pop("versions", versions)}
+    return opened(directory, {**_IDENTITY, **changed}, more)
 
 
 def _open(directory: Path, **changed: object) -> None:
@@ -56,6 +58,17 @@ def test_a_run_without_an_entry_for_its_world_is_one_of_the_tasks_own(tmp_path: 
     _open(tmp_path, world=None)
     with pytest.raises(ValueError, match=r"has a run whose world is None, not {'faults': 'easy'}"):
         _open(tmp_path, world={"faults": "easy"})
+
+
+def test_an_unfinished_run_of_another_series_of_versions_is_refused(tmp_path: Path) -> None:
+    _open(tmp_path)
+    _open(tmp_path, versions={"mujoco": "4.0.9"})
+    message = r"has a run whose versions is {'mujoco': '4\.0\.0'}, not {'mujoco': '4\.1\.0'}"
+    with pytest.raises(ValueError, match=message):
+        _open(tmp_path, versions={"mujoco": "4.1.0"})
+    with _opened(tmp_path) as folder:
+        folder.policy.touch()
+    _open(tmp_path, versions={"mujoco": "4.1.0"})  # a finished one is only reported
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:

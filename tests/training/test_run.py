@@ -4,10 +4,13 @@ import dataclasses
 import json
 import logging
 import math
+import pickle
+import random
 import resource
 import shutil
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -28,6 +31,7 @@ from tests.training.small import (
     blind,
     make,
     moving,
+    of_one_array,
     of_one_number,
     remembering,
     repeating,
@@ -226,11 +230,41 @@ def test_without_matplotlib_a_run_finishes_and_says_why_there_is_no_picture(
 
 
 def test_the_callers_random_stream_goes_on(tmp_path: Path) -> None:
+    torch: Any = pytest.importorskip("torch", reason=_REASON)
     np.random.seed(3)
     expected = np.random.RandomState(3).uniform(size=4)
+    of_python, of_torch = random.getstate(), torch.get_rng_state()
     with pytest.raises(_KilledError):
         _pendulum(tmp_path, on_progress=_killed_at(60))
     np.testing.assert_array_equal(np.random.uniform(size=4), expected)
+    assert random.getstate() == of_python
+    assert torch.equal(torch.get_rng_state(), of_torch)
+
+
+@pytest.mark.parametrize("change", [lambda state: {"other": 1}, lambda state: {**state, "rows": 1}])
+def test_a_checkpoint_of_another_form_is_damaged(change: Any, tmp_path: Path) -> None:
+    with pytest.raises(_KilledError):
+        _pendulum(tmp_path, on_progress=_killed_at(60))
+    path = tmp_path / "checkpoint.pickle"
+    path.write_bytes(pickle.dumps(change(pickle.loads(path.read_bytes()))))
+    threads = threading.active_count()
+    with pytest.raises(ValueError, match=r"checkpoint\.pickle is damaged .*: remove it to begin"):
+        _pendulum(tmp_path)
+    assert threading.active_count() == threads
+
+
+def test_a_curve_without_evaluations_is_damaged(undisturbed: Run, tmp_path: Path) -> None:
+    shutil.copytree(undisturbed.policy.parent, tmp_path / "run")
+    curve = tmp_path / "run" / "curve.csv"
+    curve.write_text(curve.read_text().splitlines()[0] + "\n")
+    with pytest.raises(ValueError, match=r"curve\.csv is damaged \(it has no evaluations\)"):
+        _pendulum(tmp_path / "run", command="limberjack train")
+
+
+def test_an_environment_that_observes_one_array_trains(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, steps=180, time_limit=None)
+    run = train(of_one_array, out=tmp_path, settings=settings)
+    assert math.isfinite(run.curve[-1].mean)
 
 
 def test_losses_that_are_no_numbers_stop_the_run(tmp_path: Path) -> None:

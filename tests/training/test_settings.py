@@ -3,7 +3,9 @@
 import dataclasses
 import tomllib
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack import suite
@@ -33,6 +35,22 @@ def test_tasks_without_a_row_have_the_defaults() -> None:
 
 def test_noise_is_a_number_from_0_to_1_with_both() -> None:
     assert [Settings(noise=one).noise for one in (0, 1, 1.0)] == [0, 1, 1.0]
+
+
+def test_lists_and_numbers_of_numpy_are_taken_as_those_of_python() -> None:
+    given: dict[str, Any] = {"actor": [64, 32], "steps": np.int64(100), "noise": np.float32(0.5)}
+    taken = Settings(**given)
+    assert (taken.actor, taken.steps, taken.noise) == ((64, 32), 100, 0.5)
+    assert type(taken.steps) is int
+
+
+@pytest.mark.parametrize(("num_envs", "updates"), [(8, 0.3), (8, 0.05), (1, 0.5), (1, 2.5)])
+def test_updates_that_are_no_whole_number_for_all_rows_are_refused(
+    num_envs: int, updates: float
+) -> None:
+    with pytest.raises(ValueError, match="expected a whole number in all, as with updates = "):
+        Settings(num_envs=num_envs, updates=updates)
+    assert Settings(num_envs=3, updates=0.667).updates == 0.667
 
 
 def test_a_file_replaces_numbers_and_leaves_defaults(tmp_path: Path) -> None:

@@ -41,7 +41,8 @@ __all__ = [
     "threads",
 ]
 
-_TASK = registry.largest_task()  # the task that takes the most memory and time
+_LARGEST = max(registry.TASKS, key=lambda row: row.dof)  # takes the most memory and time
+_TASK = _LARGEST.domain, _LARGEST.task
 _EPISODE = 0.25  # simulated seconds
 
 _ROWS = 64

@@ -23,12 +23,13 @@ from dm_env import specs
 
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.policies import ROWS, Act, Actor
-from limberjack.policies.actors import EachRow
+from limberjack.policies.actors import Deferred, EachRow
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
 from limberjack.rl.observations import of_rows
 from limberjack.rl.pixels import PIXELS_KEY
+from limberjack.rl.rows import RowsEnvironment
 from limberjack.rl.shared_streams import GLOBAL_STREAMS, fingerprint
 from limberjack.see.report import Step as ShownStep
 
@@ -139,6 +140,9 @@ def play(
       PhysicsError: a row diverged, if the batch raises then.
       ValueError: a step draws from a global stream.
     """
+    if isinstance(actor, Deferred) and action_repeat != 1:
+        assert isinstance(batch, RowsEnvironment)  # as it plays alone
+        actor = actor.found(batch.environments[0])  # which leaves repeating to the batch
     batch.draw_every(action_repeat)
     playing = _Playing(batch, actor, seeds, kept, action_repeat, most_steps, on_step)
     if watches_draws:

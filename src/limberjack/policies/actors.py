@@ -48,18 +48,18 @@ class EachRow:
         self.sha256 = sha256
         self._policy = policy
         self._acts: dict[int, Act] = {}
-        self._shape: tuple[int, ...] = ()  # of the actions of all rows
+        self._actions = np.zeros(0)  # of all rows
 
     def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
         """See `Actor`."""
         spec = batch.single_action_spec()
-        self._shape = (batch.num_envs, *spec.shape)
+        self._actions = _no_actions(spec, batch.num_envs)
         for row, seed in zip(rows.tolist(), seeds, strict=True):
             self._acts[row] = self._policy(spec, seed)
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """See `Actor`."""
-        actions = np.zeros(self._shape)
+        actions = np.zeros_like(self._actions)
         for row in rows.tolist():
             actions[row] = self._acts[row](_of_row(observation, row))
         return actions
@@ -123,10 +123,14 @@ class Deferred(Alone):
         self._find = find
         self._found: tuple[dm_env.Environment, Actor] | None = None
 
-    def _begin_found(self, environment: dm_env.Environment, seed: int) -> Act:
+    def found(self, environment: dm_env.Environment) -> Actor:
+        """The policy for an environment."""
         if self._found is None or self._found[0] is not environment:
             self._found = environment, self._find(environment)
-        return self._found[1].begin_alone(environment, seed)
+        return self._found[1]
+
+    def _begin_found(self, environment: dm_env.Environment, seed: int) -> Act:
+        return self.found(environment).begin_alone(environment, seed)
 
 
 class Batched:
@@ -151,14 +155,23 @@ class Batched:
         self._shown_in = np.zeros(ROWS, int)
         self._seeds = np.zeros(ROWS, np.int64)
         self._steps = np.zeros(ROWS, int)
-        self._shape: tuple[int, ...] = ()  # of the actions of all rows
+        self._actions = np.zeros(0)  # of all rows
 
     def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        """See `Actor`."""
-        self._begin((batch.num_envs, *batch.single_action_spec().shape), rows, seeds)
+        """See `Actor`.
 
-    def _begin(self, shape: tuple[int, ...], rows: np.ndarray, seeds: Sequence[int]) -> None:
-        self._shape = shape
+        Raises:
+          PolicyError: the batch has more than 64 rows.
+        """
+        self._begin(_no_actions(batch.single_action_spec(), batch.num_envs), rows, seeds)
+
+    def _begin(self, actions: np.ndarray, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        if len(actions) > ROWS:
+            raise PolicyError(
+                f"policy {self.name!r} acts in {ROWS} rows at once, and the batch has "
+                f"{len(actions)}: play it with `evaluation.evaluate`, or in smaller batches"
+            )
+        self._actions = actions
         self._seeds[rows] = seeds
         self._steps[rows] = 0
         self._shown_in[rows] = self._seeds[rows] % ROWS
@@ -167,14 +180,23 @@ class Batched:
                 self._reset_batch(self._shown_in[rows], self._seeds[rows])
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """See `Actor`."""
+        """See `Actor`.
+
+        Raises:
+          PolicyError: also where two of the rows have seeds that are equal modulo 64.
+        """
         places = self._shown_in[rows]
+        if len(np.unique(places)) < len(places):
+            raise PolicyError(
+                f"policy {self.name!r} shows an episode in row `seed % {ROWS}`, which is the same "
+                f"for two of the seeds {self._seeds[rows].tolist()}: play them in other batches"
+            )
         shown = {n: _spread(values[rows], places) for n, values in observation.items()}
         with Locating(self._where(rows[0])):
             returned = self._act_batch(_like(observation, shown))
         returned = self._checked(returned, rows)
         self._steps[rows] += 1
-        actions = np.zeros(self._shape)
+        actions = np.zeros_like(self._actions)
         actions[rows] = returned
         return actions
 
@@ -182,7 +204,7 @@ class Batched:
         """See `Actor`."""
         own = Batched(self.name, self.sha256, self._act_batch, self._reset_batch)
         row = np.zeros(1, int)
-        own._begin((1, *_spec_of(environment, self.name).shape), row, [seed])
+        own._begin(_no_actions(_spec_of(environment, self.name), 1), row, [seed])
 
         def act(observation: Mapping[str, np.ndarray]) -> np.ndarray:
             of_batch = {name: np.asarray(value)[None] for name, value in observation.items()}
@@ -192,7 +214,7 @@ class Batched:
 
     def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
         """The policy's actions for these rows; raises PolicyError if they are invalid."""
-        expected = (ROWS, *self._shape[1:])
+        expected = (ROWS, *self._actions.shape[1:])
         actions = as_array(self._where(rows[0]), returned)
         if actions.dtype.kind not in "iuf" or actions.shape != expected:
             raise PolicyError(
@@ -214,6 +236,12 @@ class Batched:
     def _where(self, row: int) -> str:
         step, seed = self._steps[row], self._seeds[row]
         return f"policy {self.name!r}, step {step} of the episode with seed {seed}"
+
+
+def _no_actions(spec: specs.Array, num_envs: int) -> np.ndarray:
+    """Zeros for the actions of all rows, in whole numbers where the spec has them."""
+    whole = np.issubdtype(spec.dtype, np.integer)
+    return np.zeros((num_envs, *spec.shape), spec.dtype if whole else np.float64)
 
 
 def _spec_of(environment: dm_env.Environment, policy: str) -> specs.BoundedArray:

@@ -3,6 +3,7 @@
 actor = policies.find("random")
 """
 
+import functools
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping
@@ -14,7 +15,7 @@ from dm_env import specs
 
 from limberjack.policies.actors import Alone, EachRow
 from limberjack.policies.kinds import Act, Actor, Policy, PolicyError
-from limberjack.policies.networks import PRETRAINED, pretrained
+from limberjack.policies.networks import PRETRAINED
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batches import vectorisable
 from limberjack.utils.sources import hash_of_files
@@ -22,7 +23,7 @@ from limberjack.utils.sources import hash_of_files
 if TYPE_CHECKING:
     from limberjack.planner import Planner
 
-__all__ = ["BUILT_IN", "PLANNER", "OnPlan", "built_in", "planner", "random", "zero"]
+__all__ = ["BUILT_IN", "OF_ACTIONS", "PLANNER", "OnPlan", "of_actions", "planner", "random", "zero"]
 
 PLANNER = "planner"
 
@@ -47,21 +48,28 @@ def random(spec: specs.BoundedArray, seed: int) -> Act:
     return lambda observation: stream.uniform(low, high, spec.shape)
 
 
-_OF_ACTIONS: dict[str, Policy] = {"zero": zero, "random": random}
-BUILT_IN = (*_OF_ACTIONS, PLANNER, PRETRAINED)
+OF_ACTIONS: dict[str, Policy] = {"zero": zero, "random": random}
+BUILT_IN = (*OF_ACTIONS, PLANNER, PRETRAINED)
 
 
-def built_in(
-    name: str, environment: dm_env.Environment | None, num_threads: int | None = None
-) -> Actor:
-    """The actor of one of the names in BUILT_IN; arguments and errors are those of `find`."""
-    if name == PLANNER:
-        return planner(environment, num_threads)
-    if name == PRETRAINED:
-        return pretrained(environment)
-    policy = _OF_ACTIONS[name]
+def of_actions(name: str) -> Actor:
+    """The policy `zero` or `random`, which needs nothing but the spec of the actions."""
+    policy = OF_ACTIONS[name]
     sha256 = hashlib.sha256(inspect.getsource(policy).encode()).hexdigest()
-    return EachRow(name, sha256, policy)
+    return EachRow(name, sha256, functools.partial(_in_whole_numbers, policy))
+
+
+def _in_whole_numbers(policy: Policy, spec: specs.BoundedArray, seed: int) -> Act:
+    """Begins an episode of a policy, whose actions are whole numbers where the spec's are."""
+    if not np.issubdtype(spec.dtype, np.integer):
+        return policy(spec, seed)
+    end = np.add(spec.maximum, 1.0)  # so that all numbers are as probable
+    act = policy(specs.BoundedArray(spec.shape, float, spec.minimum, end), seed)
+
+    def rounded(observation: Mapping[str, np.ndarray]) -> np.ndarray:
+        return np.minimum(np.floor(act(observation)), spec.maximum).astype(spec.dtype)
+
+    return rounded
 
 
 def planner(

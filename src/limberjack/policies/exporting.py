@@ -50,12 +50,7 @@ _WITHOUT_EFFECT = (
     "Flatten",
     "Identity",
 )  # on an action, in a policy that does not train
-_ALGORITHMS = {
-    "SACPolicy": "SAC",
-    "TD3Policy": "TD3",
-    "TQCPolicy": "TQC",
-    "CrossQPolicy": "CrossQ",
-}
+_ALGORITHMS = ("SAC", "TD3", "TQC", "CrossQ")
 
 # Any, in this file: classes of SB3 and PyTorch, which it does not import.
 _Foreign = Any
@@ -91,6 +86,10 @@ def export(
     if not runs_code(policy):
         raise PolicyError(f"policy is {policy!r}; expected sb3:PATH, a model to export")
     if task is not None:
+        if isinstance(task, str) or len(task) != 2:
+            raise TypeError(
+                f"task is {task!r}; expected a domain and a task, as ('walker', 'walk')"
+            )
         suite.load(*task).close()  # refused before the code in the model runs
     try:
         from limberjack import sb3
@@ -174,8 +173,8 @@ def _algorithm(data: Mapping[str, _Foreign]) -> str:
         if base.__name__ == "ActorCriticPolicy":
             of_setting = {"clip_range": "PPO", "cg_max_steps": "TRPO"}
             return next((of_setting[name] for name in of_setting if name in data), "A2C")
-        if base.__name__ in _ALGORITHMS:
-            return _ALGORITHMS[base.__name__]
+        if (name := base.__name__.removesuffix("Policy")) in _ALGORITHMS:
+            return name
     return kind.__name__
 
 
@@ -222,7 +221,7 @@ def _modules(policy: _Foreign) -> list[_Foreign]:
             )
     if hasattr(actor, "mlp_extractor"):
         found = [*actor.mlp_extractor.policy_net, actor.action_net]
-        ends = _ends_of_sde(actor) if actor.use_sde else []
+        ends = [_Squash()] if actor.use_sde and actor.squash_output else []
     elif hasattr(actor, "latent_pi"):
         found, ends = [*actor.latent_pi, actor.mu], [_Squash()]
     elif hasattr(actor, "mu"):
@@ -234,10 +233,6 @@ def _modules(policy: _Foreign) -> list[_Foreign]:
 
 class _Squash:
     """The tanh of a distribution, which is no module of the network."""
-
-
-def _ends_of_sde(actor: _Foreign) -> list[_Foreign]:
-    return [_Squash()] if actor.squash_output else []
 
 
 def _flattened(modules: Iterable[_Foreign]) -> list[_Foreign]:
@@ -340,8 +335,10 @@ def _check_equal(model: _Foreign, network: mlp.Mlp | onnx.OnnxPolicy) -> None:
     if model.normalisation is not None:
         seen = model.normalisation.normalize_obs(seen)
     expected, _ = model.policy.predict(seen, deterministic=True)
-    half_range = np.maximum(np.subtract(card.high, card.low) / 2, 1.0)
-    worst = float(np.max(np.abs(network.actions(flat) - expected) / half_range))
+    # Bounds may be far wider than the actions, and their float32 coarser than their range.
+    scale = np.minimum(np.subtract(card.high, card.low) / 2, np.maximum(np.abs(expected), 1.0))
+    difference = np.abs(network.actions(flat) - expected)
+    worst = float(np.max((difference - 4 * np.spacing(np.abs(expected))) / scale))
     if not worst <= _LARGEST_DIFFERENCE:
         raise ValueError(f"the file would act otherwise: an action differs by {worst:.2g}")
 

@@ -301,20 +301,16 @@ class Mlp:
 
 def flattened(layout: Layout, observations: Mapping[str, np.ndarray]) -> np.ndarray:
     """Observations of (N, ...) by name in the order of a layout: (N, size), float32."""
-    count = len(next(iter(observations.values())))
-    flat = np.empty((count, sum(math.prod(shape) for _, shape in layout)), np.float32)
-    start = 0
-    for name, shape in layout:
-        stop = start + math.prod(shape)
-        flat[:, start:stop] = np.reshape(observations[name], (count, -1))
-        start = stop
-    return flat
+    given = (np.asarray(observations[name]) for name, _ in layout)
+    parts = [one.reshape(len(one), -1) for one in given]
+    return np.concatenate(parts, axis=1, dtype=np.float32, casting="unsafe")
 
 
 def float32_bounds(card: Card) -> tuple[np.ndarray, np.ndarray]:
     """The bounds of the actions, rounded inward where float32 cannot represent them."""
     low, high = np.array(card.low), np.array(card.high)
-    least, most = low.astype(np.float32), high.astype(np.float32)
+    with np.errstate(over="ignore"):  # a bound of a file may be beyond float32
+        least, most = low.astype(np.float32), high.astype(np.float32)
     least = np.where(least < low, np.nextafter(least, np.float32(np.inf)), least)
     return least, np.where(most > high, np.nextafter(most, np.float32(-np.inf)), most)
 

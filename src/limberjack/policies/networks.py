@@ -19,7 +19,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
 import dm_env
 import numpy as np
@@ -27,7 +27,7 @@ from dm_env import specs
 
 from limberjack import registry, suite
 from limberjack.mujoco.fingerprint import fingerprint, versions
-from limberjack.policies import mlp
+from limberjack.policies import mlp, onnx
 from limberjack.policies.actors import Batched, Deferred
 from limberjack.policies.kinds import Act, Actor, PolicyError
 from limberjack.rl.action_specs import open_bounds, spec_of
@@ -52,6 +52,8 @@ __all__ = [
 
 PRETRAINED = "pretrained"
 OTHER_SCORES = "policy %r: its scores are those of %s"  # logged; commands print it
+
+Network = mlp.Mlp | onnx.OnnxPolicy
 
 _FOLDER = Path(__file__).parent / PRETRAINED
 _ENDING = ".safetensors"
@@ -114,23 +116,6 @@ def pretrained(environment: dm_env.Environment | None) -> Actor:
         choice = f"these tasks have one: {', '.join(tasks)}" if tasks else "no task has one here"
         raise PolicyError(f"policy {PRETRAINED!r}: {named}; {choice}")
     return network_policy(PRETRAINED, mlp.read(path), environment)
-
-
-class Network(Protocol):
-    """A network with a card, as `mlp.Mlp` is one."""
-
-    @property
-    def card(self) -> mlp.Card:
-        """Its card."""
-        ...
-
-    def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The actions, (N, actions), at observations of (N, ...) by name."""
-        ...
-
-    def with_layout(self, layout: mlp.Layout) -> "Network":
-        """The same network for an environment with these names of its observations."""
-        ...
 
 
 def network_policy(
@@ -219,8 +204,7 @@ def check_fit(name: str, card: mlp.Card, environment: dm_env.Environment) -> Non
     Raises:
       PolicyError: it does not; the message names the first observation or action that differs.
     """
-    here = layout_of(environment)
-    problem = _of_observations(card, here) or _of_actions(card, environment)
+    problem = _of_observations(card, environment) or _of_actions(card, environment)
     if problem is not None:
         raise PolicyError(f"policy {name!r} does not fit: {problem}")
 
@@ -229,23 +213,44 @@ def _fitted(name: str, policy: Network, environment: dm_env.Environment) -> Netw
     """The policy with the environment's layout; raises PolicyError if it does not fit."""
     check_fit(name, policy.card, environment)
     here = layout_of(environment)
-    if not (_is_flat(here) or _is_flat(policy.card.layout)):
-        return policy
-    return policy.with_layout(here)
+    if _is_flat(here):
+        return policy.with_layout(here)
+    return policy.with_layout(_flat_layout(environment)) if _is_flat(policy.card.layout) else policy
+
+
+def _flat_layout(environment: dm_env.Environment) -> mlp.Layout:
+    """Names and shapes in the order of a flat observation, as far as it can be told."""
+    here, inner = layout_of(environment), control_of(environment)
+    if not isinstance(inner, Environment):
+        return here
+    known = tuple(inner._flat_layout())
+    is_whole = _size(known) == _size(here) if _is_flat(here) else {*known} == {*here}
+    return known if is_whole else here  # a wrapper observes something else
+
+
+def _size(layout: mlp.Layout) -> int:
+    return sum(math.prod(shape) for _, shape in layout)
 
 
 def _is_flat(layout: mlp.Layout) -> bool:
     return [name for name, _ in layout] == [FLAT_OBSERVATION_KEY]
 
 
-def _of_observations(card: mlp.Card, here: mlp.Layout) -> str | None:
-    """The first difference between the policy's observations and these; None if there is none."""
-    if _is_flat(here) or _is_flat(card.layout):
-        size = sum(math.prod(shape) for _, shape in here)
-        if size == card.num_observations:
-            return None
-        return f"it takes {card.num_observations} numbers as observation; the task has {size}"
+def _of_observations(card: mlp.Card, environment: dm_env.Environment) -> str | None:
+    """The first difference between the policy's observations and the environment's, or None."""
+    here = layout_of(environment)
     takes, has = dict(card.layout), dict(here)
+    if _is_flat(here) or _is_flat(card.layout):
+        size = _size(here)
+        if size != card.num_observations:
+            return f"it takes {card.num_observations} numbers as observation; the task has {size}"
+        joined = [name for name, _ in _flat_layout(environment)]
+        if joined in ([*has], [*takes]) or _is_flat(card.layout):
+            return None
+        return (
+            f"it takes {', '.join(takes)} in this order, and the flat observation has "
+            f"{', '.join(joined)}: make the environment without flat_observation"
+        )
     for name in {**takes, **has}:
         if name not in has:
             return f"it takes an observation {name!r}, and the task has {', '.join(has)}"

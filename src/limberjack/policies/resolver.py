@@ -6,9 +6,10 @@ from pathlib import Path
 
 import dm_env
 
-from limberjack.policies.built_in import BUILT_IN, built_in
+from limberjack.policies.built_in import OF_ACTIONS, PLANNER, of_actions, planner
 from limberjack.policies.kinds import Actor
 from limberjack.policies.named import actor_of, copied, instance_of, name_of, target_named
+from limberjack.policies.networks import PRETRAINED, pretrained
 from limberjack.policies.saved import is_saved_model, saved_policy
 from limberjack.utils.sources import hash_of_module, hash_of_source
 
@@ -42,8 +43,12 @@ def find(
         name = name_of(policy)
         target = instance_of(name, policy) if inspect.isclass(policy) else policy
         return actor_of(name, hash_of_source(policy), target)
-    if policy in BUILT_IN:
-        return built_in(policy, environment, num_threads)
+    if policy in OF_ACTIONS:
+        return of_actions(policy)
+    if policy == PLANNER:
+        return planner(environment, num_threads)
+    if policy == PRETRAINED:
+        return pretrained(environment)
     if is_saved_model(policy):
         return saved_policy(policy, environment, files)
     target = target_named(policy)

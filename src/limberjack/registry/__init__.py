@@ -24,7 +24,6 @@ __all__ = [
     "by_domain",
     "domains",
     "import_name_of",
-    "largest_task",
     "listen",
     "remove",
     "steps",
@@ -63,12 +62,6 @@ def steps(domain: str, task: str) -> int | None:
 def suite_module(domain: str) -> str:
     """The dotted name of a module of the suite."""
     return f"{_SUITE}.{domain}"
-
-
-def largest_task() -> tuple[str, str]:
-    """The suite task with the most degrees of freedom (the first on ties), as (domain, task)."""
-    row = max(TASKS, key=lambda row: row.dof)
-    return row.domain, row.task
 
 
 def add(domain: Domain) -> None:

@@ -409,7 +409,8 @@ def is_reproducible(build: Build, seed: int) -> bool:
     openings = []
     for _ in range(2):
         with contextlib.closing(build.make(seed)) as env:
-            openings.append((_settings(env), _start(env), _opening(env)))
+            # A class that is defined as the environment is made is another object each time.
+            openings.append((_settings(env, _name_of), _start(env), _opening(env)))
     return openings[0] == openings[1]
 
 
@@ -433,27 +434,33 @@ def parts_of(env: dm_env.Environment) -> dict[str, object]:
     return {name: one for name, one in parts.items() if one is not None}
 
 
-def _settings(env: dm_env.Environment) -> object:
+def _settings(env: dm_env.Environment, kind: Callable[[object], object] = type) -> object:
+    """What an environment is made of; `kind` tells objects apart that are not compared."""
     if difference(env) is not None:
         return None
     assert isinstance(env, Environment)
     task = env.task
-    attributes = {name: _comparable(value) for name, value in attributes_of(task).items()}
-    return type(task), env._step_limit, env.control_timestep(), attributes, numbers_of(env)
+    attributes = {name: _comparable(one, kind) for name, one in attributes_of(task).items()}
+    return kind(task), env._step_limit, env.control_timestep(), attributes, numbers_of(env)
 
 
-def _comparable(value: object, depth: int = _DEEPEST) -> object:
+def _name_of(value: object) -> tuple[str, str]:
+    return type(value).__module__, type(value).__qualname__
+
+
+def _comparable(value: object, kind: Callable[[object], object], depth: int = _DEEPEST) -> object:
     """A value that equals that of another one of the same bits, also of NaN; or its class alone."""
     if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, float):
         return value.hex()
     if isinstance(value, list | tuple) and depth:
-        return type(value), [_comparable(one, depth - 1) for one in value]
+        return kind(value), [_comparable(one, kind, depth - 1) for one in value]
     if isinstance(value, Mapping) and depth:
         pairs = value.items()
-        return type(value), [(_comparable(k, 0), _comparable(v, depth - 1)) for k, v in pairs]
-    return value if isinstance(value, ATOMS) else type(value)
+        compared = [(_comparable(k, kind, 0), _comparable(v, kind, depth - 1)) for k, v in pairs]
+        return kind(value), compared
+    return value if isinstance(value, ATOMS) else kind(value)
 
 
 def numbers_of(env: Environment) -> object:

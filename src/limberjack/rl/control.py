@@ -53,7 +53,12 @@ from limberjack.rl.episode_values import keep_own, values_of
 from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import is_of_the_suite, put_back, remembered, stand_in
-from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
+from limberjack.rl.observations import (
+    FLAT_OBSERVATION_KEY,
+    flat_order,
+    flatten_observation,
+    specs_of,
+)
 from limberjack.rl.overridable import overridable
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, saved_pictures
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
@@ -779,13 +784,21 @@ class Environment(dm_env.Environment):
             return observation
         return ours.frames.observe(self.__simulated, observation)
 
+    def _flat_layout(self) -> list[tuple[str, tuple[int, ...]]]:
+        """Names and shapes of the parts of a flat observation, in its order."""
+        with stand_in(self._task, self._physics):
+            observation = self.__named()
+        return [(name, np.shape(observation[name])) for name in flat_order(observation)]
+
     def __seen(self) -> Mapping[str, Quantity]:
-        """The task's observation, without pictures."""
-        ours = self._ours
-        observation = self._task.get_observation(self._physics)
-        if ours.faults is not None:
-            observation = ours.faults.shown(observation)
+        """The task's observation, flat if wanted, without pictures."""
+        observation = self.__named()
         return flatten_observation(observation) if self._flat_observation else observation
+
+    def __named(self) -> Mapping[str, Quantity]:
+        """The task's observation by name, without pictures."""
+        observation = self._task.get_observation(self._physics)
+        return observation if (faults := self._ours.faults) is None else faults.shown(observation)
 
     def __checked(self, action: object) -> object:
         """The action, as an array if it is a list; raises unless it is made of finite numbers.

@@ -15,7 +15,14 @@ from dm_env import specs
 from limberjack.rl.contract import Observation
 from limberjack.utils import arrays
 
-__all__ = ["FLAT_OBSERVATION_KEY", "flatten_observation", "of_rows", "of_type", "specs_of"]
+__all__ = [
+    "FLAT_OBSERVATION_KEY",
+    "flat_order",
+    "flatten_observation",
+    "of_rows",
+    "of_type",
+    "specs_of",
+]
 
 FLAT_OBSERVATION_KEY = "observations"
 
@@ -42,7 +49,7 @@ def flatten_observation(
         raise ValueError(
             f"Can only flatten dict-like observations, got {type(observation).__name__}."
         )
-    flat = np.concatenate([np.ravel(observation[name]) for name in _names(observation)])
+    flat = np.concatenate([np.ravel(observation[name]) for name in flat_order(observation)])
     return of_type(observation, [(output_key, flat)])
 
 
@@ -56,7 +63,7 @@ def of_rows(observation: Observation, num_envs: int, flat: bool) -> MutableMappi
     """
     given = cast(MutableMapping[str, np.ndarray], observation)
     if flat:
-        parts = [given[name].reshape(num_envs, -1) for name in _names(given)]
+        parts = [given[name].reshape(num_envs, -1) for name in flat_order(given)]
         return of_type(given, [(FLAT_OBSERVATION_KEY, arrays.concat(parts))])
     for name, value in given.items():
         if not value.flags.owndata:
@@ -88,7 +95,7 @@ def specs_of(observation: Observation) -> collections.OrderedDict[str, specs.Arr
     )
 
 
-def _names(observation: Observation) -> list[str]:
+def flat_order(observation: Observation) -> list[str]:
     """The names in the order of the flat array."""
     ordered = isinstance(observation, collections.OrderedDict)
     return list(observation) if ordered else sorted(observation)

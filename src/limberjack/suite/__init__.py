@@ -69,6 +69,7 @@ _Tasks = tuple[tuple[str, str], ...]
 _Option = str | Mapping[str, object] | None  # of the world
 
 _NO_VISUALIZATION = "no_reward_visualization"  # dm_control's tag
+_OF_TASKS = ("physics", "task", "time_limit")  # arguments of an environment that tasks give it
 
 _DOMAINS = Domains()
 
@@ -410,7 +411,11 @@ def build_environment(
         raise ValueError(_no_choice(task_name, factories, message))
     kwargs = keywords("task_kwargs", task_kwargs)
     if environment_kwargs is not None:
-        kwargs["environment_kwargs"] = keywords("environment_kwargs", environment_kwargs)
+        given = kwargs.get("environment_kwargs")
+        kwargs["environment_kwargs"] = {
+            **(given if isinstance(given, Mapping) else {}),
+            **keywords("environment_kwargs", environment_kwargs),
+        }
     of_environment = kwargs.get("environment_kwargs")
     where = f"{domain_name}:{task_name}"
     _check_keywords(where, kwargs, factories[task_name])
@@ -444,7 +449,8 @@ def _check_environment_keywords(where: str, given: Mapping[str, object]) -> None
     """Raises TypeError if the environment does not accept a keyword."""
     if "time_limit" in given:
         raise TypeError(f"{where}: time_limit is an argument of the task; pass it in task_kwargs")
-    _check_keywords(where, given, control.Environment)
+    known = [n for n in inspect.signature(control.Environment).parameters if n not in _OF_TASKS]
+    check_names(f"{where} got an unexpected keyword argument in environment_kwargs", given, known)
 
 
 def _check_keywords(

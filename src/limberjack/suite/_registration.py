@@ -92,8 +92,10 @@ def find(name: str) -> Domain | None:
       ValueError: several installed packages provide it, or its module cannot be imported or is
         incomplete.
     """
+    if not isinstance(name, str):
+        return None
     known = registry.domains().get(name)
-    if known is not None or not isinstance(name, str):
+    if known is not None:
         return known
     # Imported lazily: rarely needed, and slow to import.
     from limberjack.suite import _entry_points as entry_points

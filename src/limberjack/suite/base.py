@@ -266,6 +266,5 @@ def _show_reward(physics: mujoco.Physics, reward: Quantity) -> None:
 def kind_of_start(environment: dm_env.Environment) -> str | None:
     """The kind of start of an episode that has just begun; None for a task without kinds."""
     inner = control_of(environment)
-    # Only `Task` promises the attribute.
-    start = getattr(getattr(inner, "task", None), "start", None)
-    return None if start is None else start(getattr(inner, "physics", None))
+    task = getattr(inner, "task", None)
+    return task.start(getattr(inner, "physics", None)) if isinstance(task, Task) else None

@@ -22,13 +22,12 @@ from typing import Any
 import numpy as np
 
 from limberjack.utils.files import Hold, open_regular, read_regular, replacing
-from limberjack.workers.identity import first_difference
+from limberjack.workers.identity import first_difference, first_mismatch
 
 __all__ = ["POLICY", "Folder", "opened"]
 
 POLICY = "policy.safetensors"
 _IDENTITY = "training.json"
-_LATER = {"world": None, "domain_sha256": None}  # entries of the identity that early runs lack
 _UNFINISHED = re.compile(r"\.\w+\.[0-9a-f]{16}\.\w+")  # see `utils.files.Partial`
 
 
@@ -77,9 +76,11 @@ class Folder:
                 "and continue, or remove it to begin again"
             ) from error
         except Exception as error:  # pickle raises errors of any class
-            raise ValueError(
-                f"{self._checkpoint} is damaged ({error}): remove it to begin again"
-            ) from error
+            raise self.damaged(error) from error
+
+    def damaged(self, error: Exception) -> ValueError:
+        """The error of a checkpoint that cannot be used."""
+        return ValueError(f"{self._checkpoint} is damaged ({error!r}): remove it to begin again")
 
     def finish(self) -> None:
         """Removes the checkpoint, once the policy has been written."""
@@ -105,7 +106,7 @@ def opened(
     directory.mkdir(parents=True, exist_ok=True)
     with Hold(directory):
         path = directory / _IDENTITY
-        _check(path, json.loads(json.dumps(identity)))
+        _check(path, json.loads(json.dumps(identity)), more)
         for left in directory.glob(".*"):
             if _UNFINISHED.fullmatch(left.name):  # of a process that was killed
                 left.unlink()
@@ -116,8 +117,11 @@ def opened(
         yield Folder(directory)
 
 
-def _check(path: Path, identity: Mapping[str, object]) -> None:
-    """Raises ValueError unless the folder of a run's identity is empty, or has this one."""
+def _check(path: Path, identity: Mapping[str, object], more: Mapping[str, object]) -> None:
+    """Raises ValueError unless the folder of a run's identity is empty, or has this one.
+
+    An unfinished one must have been begun with the same series of versions.
+    """
     directory = path.parent
     if not path.exists():
         others = [one.name for one in directory.iterdir() if one.name[0] != "."]
@@ -128,13 +132,15 @@ def _check(path: Path, identity: Mapping[str, object]) -> None:
         return
     try:
         found = json.loads(read_regular(path))
-        kept = {name: {**_LATER, **found}.get(name) for name in identity}
+        kept = {name: found.get(name) for name in identity}
         is_run = not identity.keys().isdisjoint(found)
-    except (RecursionError, TypeError, ValueError):
-        is_run, kept = False, {}
+    except (AttributeError, RecursionError, ValueError):
+        found, kept, is_run = {}, {}, False
     if not is_run:
         raise ValueError(f"{path} is damaged: choose another folder")
     difference = first_difference(identity, kept)
+    if difference is None and not (directory / POLICY).exists():
+        difference = first_mismatch({"versions": more["versions"]}, found)
     if difference is not None:
         name, here, there = difference
         raise ValueError(

@@ -215,7 +215,7 @@ def _arguments(settings: Settings) -> dict[str, _Tree]:
         "batch_size": settings.batch_size,
         "gamma": settings.discount,
         "train_freq": 1,  # steps of all rows between updates
-        "gradient_steps": max(1, round(settings.num_envs * settings.updates)),
+        "gradient_steps": round(settings.num_envs * settings.updates),
         "ent_coef": f"auto_{settings.entropy}",
         "policy_kwargs": {
             "net_arch": {"pi": [*settings.actor], "qf": [*settings.critic]},

@@ -12,7 +12,9 @@ import contextlib
 import dataclasses
 import importlib
 import math
+import random
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -36,6 +38,7 @@ from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import own_repeat
 from limberjack.rl.control import shown_by
 from limberjack.rl.pixels import PIXELS_KEY
+from limberjack.rl.row_step import as_mapping
 from limberjack.see.report import write_learning_plot
 from limberjack.training.folder import POLICY, Folder, opened
 from limberjack.training.settings import MOST_ROWS, Settings, settings_for
@@ -177,16 +180,16 @@ def train(
     identity = _identified(factory, settings, seed)
     more: dict[str, object] = {"command": command, "versions": versions()}
     with contextlib.ExitStack() as stack:
-        # NumPy's global stream, which the algorithm draws from.
+        # Global streams, which the algorithm seeds.
         stack.callback(np.random.set_state, np.random.get_state())
+        stack.callback(random.setstate, random.getstate())
+        if (torch := sys.modules.get("torch")) is not None:
+            stack.callback(torch.set_rng_state, torch.get_rng_state())
         folder = stack.enter_context(opened(directory, identity, more))
         was_finished = folder.policy.exists()
         if not was_finished:
-            training = _Training(
-                folder, factory, settings, cast(_Facts, {**identity, **more}), began
-            )
-            stack.callback(training.close)
-            training.run(on_progress)
+            facts = cast(_Facts, {**identity, **more})
+            _Training(folder, factory, settings, facts, began, stack).run(on_progress)
         folder.finish()
         run = Run(folder.policy, _read_curve(folder.curve), settings, was_finished)
         return _with_picture(run, folder, identity)
@@ -225,7 +228,7 @@ def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, ob
 
 def _check_learnable(title: str, environment: dm_env.Environment, settings: Settings) -> None:
     """Raises ValueError unless a network can be trained in an environment with these settings."""
-    if PIXELS_KEY in cast(Mapping[str, object], environment.observation_spec()):
+    if PIXELS_KEY in as_mapping(environment.observation_spec()):
         raise ValueError(f"{title} observes pictures; expected numbers only")
     if not any(math.prod(shape) for _, shape in layout_of(environment)):
         raise ValueError(f"{title} observes nothing; expected at least one number")
@@ -244,8 +247,15 @@ class _Training:
     """A run in memory: the learner, its rows, the batch of evaluations, and the curve."""
 
     def __init__(
-        self, folder: Folder, factory: Factory, settings: Settings, facts: _Facts, began: float
+        self,
+        folder: Folder,
+        factory: Factory,
+        settings: Settings,
+        facts: _Facts,
+        began: float,
+        stack: contextlib.ExitStack,
     ) -> None:
+        """Begins a run or continues it; `stack` closes what was opened for it."""
         from limberjack import sb3
         from limberjack.training.learner import Learner
 
@@ -257,12 +267,15 @@ class _Training:
         # One thread, for a few percent of the time.
         rows = batch_of(build, settings.num_envs, 1, seed=first, action_repeat=repeat, stagger=True)
         self._envs = sb3.VecEnv(rows, action_bound=settings.action_bound)
+        stack.callback(self._envs.close)
         self._learner = Learner(self._envs, settings, seed, folder.events)
+        stack.callback(self._learner.close)
         self._envs.seed(first)  # the algorithm has given the rows its own seed
         # As long as the task's episodes, whatever is trained.
         whole = factory.lasting(seconds_without_a_limit(factory.lasting().make(0)))
         build = whole.build(whole.make(0))
         self._tested = batch_of(build, len(_EVALUATED), 1, seed=0, action_repeat=1)
+        stack.callback(self._tested.close)
         self._curve: list[Evaluation] = []
         self._save_at = time.monotonic() + _PATIENCE
         self._restore()
@@ -291,12 +304,6 @@ class _Training:
         if self._curve and self._curve[-1].control_steps == self._control_steps:
             return False
         return self._control_steps * _EVALUATIONS >= self._settings.steps * len(self._curve)
-
-    def close(self) -> None:
-        """Frees the rows and closes the file of events."""
-        self._learner.close()
-        self._envs.close()
-        self._tested.close()
 
     def _policy(self) -> mlp.Mlp:
         """The policy so far, as it would be written."""
@@ -376,10 +383,13 @@ class _Training:
         if state is None:
             return
         self._envs.reset()
-        self._envs.vector_env.batches[0].restore(state["rows"])
-        self._learner.restore(state["learner"])
-        self._curve = state["curve"]
-        self._began -= state["processor_seconds"]
+        try:
+            self._envs.vector_env.batches[0].restore(state["rows"])
+            self._learner.restore(state["learner"])
+            self._curve = state["curve"]
+            self._began -= state["processor_seconds"]
+        except (KeyError, TypeError, ValueError) as error:  # of another program
+            raise self._folder.damaged(error) from error
 
 
 def _numbers(curve: Sequence[Evaluation]) -> np.ndarray:
@@ -390,7 +400,9 @@ def _numbers(curve: Sequence[Evaluation]) -> np.ndarray:
 def _read_curve(path: Path) -> tuple[Evaluation, ...]:
     """The evaluations in curve.csv; raises ValueError if it is damaged."""
     try:
-        lines = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).tolist()
-        return tuple(Evaluation(int(a), int(b), c, tuple(x)) for a, b, c, _, *x in lines)
+        lines = np.array([line.split(",") for line in path.read_text().splitlines()[1:]], float)
+        if not len(lines):
+            raise ValueError("it has no evaluations")
+        return tuple(Evaluation(int(a), int(b), c, tuple(x)) for a, b, c, _, *x in lines.tolist())
     except ValueError as error:
         raise ValueError(f"{path} is damaged ({error})") from error

@@ -12,12 +12,15 @@ of deterministic episodes of this package on one processor core.
 """
 
 import dataclasses
+import math
 import sys
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from limberjack.utils.files import read_regular
 from limberjack.utils.suggest import did_you_mean
@@ -46,7 +49,7 @@ class Settings:
       reward_offset: taken from the reward of each control step in learning, so that large sums of
         equal rewards do not hide small differences. Only for tasks that end by their limit alone.
       entropy: first weight of the policy's entropy beside rewards; later ones are learned.
-      updates: gradient steps per action of one row.
+      updates: gradient steps per action of one row; `num_envs` times as many are a whole number.
       batch_size: transitions of a gradient step.
       learning_rate: of all networks and of the entropy coefficient.
       discount: per action.
@@ -92,12 +95,19 @@ class Settings:
     memory: int = 1_000_000
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a number that cannot be."""
+        """Takes lists and NumPy's numbers, too; raises ValueError for one that cannot be."""
         for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
+            value = _plain(getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
             is_valid, expected = _VALID.get(field.name) or _BY_TYPE[field.type]
             if not is_valid(value):
                 raise ValueError(f"{field.name} is {value!r}; expected {expected}")
+        updates = self.num_envs * self.updates
+        if not math.isclose(updates, max(1, round(updates)), rel_tol=0.01):
+            raise ValueError(
+                f"updates is {self.updates:g}, {updates:g} in all for the {self.num_envs} rows; "
+                f"expected a whole number in all, as with updates = {1 / self.num_envs:g}"
+            )
 
     @classmethod
     def of_toml(cls, row: Mapping[str, Any]) -> "Settings":  # Any: checked as they are taken
@@ -110,8 +120,14 @@ class Settings:
         for name in row:
             if name not in names:
                 raise ValueError(f"there is no setting {name!r}.{did_you_mean(name, names)}")
-        widths = {name: tuple(value) for name, value in row.items() if isinstance(value, list)}
-        return cls(**{**row, **widths})
+        return cls(**row)
+
+
+def _plain(value: object) -> object:
+    """A number of Python for one of NumPy, and a tuple for a list."""
+    if isinstance(value, np.generic):
+        return value.item()
+    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
 
 
 def _is_count(value: object, most: float = _LARGEST) -> bool:

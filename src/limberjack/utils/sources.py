@@ -105,7 +105,7 @@ def defined_in(target: object) -> type:
     """The function or class that `target` is, is a partial of, or is an instance of."""
     while isinstance(target, functools.partial):
         target = target.func
-    if not hasattr(target, "__qualname__"):
+    if not (hasattr(target, "__qualname__") and hasattr(target, "__module__")):
         return type(target)
     # Typed as a class: a function has the same `__module__`, `__qualname__` and source.
     return target  # pyright: ignore[reportReturnType]

@@ -156,7 +156,7 @@ def test_bounds_without_a_range_between_them_are_refused(minimum: Any, maximum: 
         ([np.inf, 0.5], ValueError, r"not finite at index \[0\]"),
         (["a", "b"], TypeError, "expected numbers"),
         (None, TypeError, "expected numbers"),
-        ([[0.5], 0.5], ValueError, r"action is not an array of shape \(2,\)"),
+        ([[0.5], 0.5], ValueError, "expected an array of numbers"),
     ],
 )
 def test_a_bad_action_does_not_reach_the_environment(

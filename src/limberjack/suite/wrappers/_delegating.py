@@ -1,12 +1,13 @@
 """Base class of the wrappers, which delegates to the wrapped environment, and action checks."""
 
-import math
 from typing import Any
 
 import dm_env
 import numpy as np
 from dm_env import specs
 from numpy.typing import ArrayLike
+
+from limberjack.rl import action_specs
 
 __all__ = ["Wrapper", "checked_action"]
 
@@ -66,21 +67,8 @@ def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
       TypeError: the action is not numeric.
       ValueError: it has another shape, or is not finite.
     """
-    try:
-        given = np.asarray(action)
-    except ValueError as error:  # rows of different lengths
-        raise ValueError(f"action is not an array of shape {shape}: {error}") from None
-    if given.dtype.kind not in "fiub":
-        raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
-    if shape and given.size == math.prod(shape) == 1:  # one number for one actuator has any shape
-        given = given.reshape(shape)
-    elif shape and given.shape != shape:
-        raise ValueError(
-            f"action has shape {given.shape}; expected {shape}, the shape of env.action_spec()"
-        )
-    if not np.isfinite(given).all():
-        raise ValueError(
-            f"action is not finite at index {np.flatnonzero(~np.isfinite(given)).tolist()}: "
-            f"{given}; nothing was stepped"
-        )
+    given = action_specs.as_numbers(action)
+    if shape:
+        given = action_specs.in_shape(given, shape)
+    action_specs.check_finite(given)
     return given
