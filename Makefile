@@ -23,6 +23,8 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --memory
 
 export PYTHONUNBUFFERED = 1
+# Tests start hundreds of processes, each of which would compile the package again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo docs test test-browser test-slow test-exactness test-training test-minari \

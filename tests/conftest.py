@@ -19,7 +19,7 @@ from .memory import (
     MemoryReport,
     exclude_from_searches_for_garbage,
     free_if_grown,
-    keep_few_canvases,
+    keep_little,
 )
 from .small_sky import small_sky
 
@@ -143,14 +143,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """Keeps searches for garbage short (modules and tests stay until the end), and memory small."""
     exclude_from_searches_for_garbage()
-    keep_few_canvases()
+    keep_little()
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Keeps processes that run many tests small."""
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Keeps processes that run many tests small, and searches for garbage short."""
     result = yield
     free_if_grown()
+    if nextitem is not None and nextitem.path != item.path:  # what is left of a file stays
+        exclude_from_searches_for_garbage()
     return result
 
 

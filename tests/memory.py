@@ -25,10 +25,9 @@ except ImportError:  # Windows has none
 __all__ = [
     "MemoryReport",
     "exclude_from_searches_for_garbage",
-    "free_caches",
     "free_if_grown",
     "free_what_nobody_uses",
-    "keep_few_canvases",
+    "keep_little",
     "resident",
 ]
 
@@ -40,7 +39,6 @@ _PART = 0.05  # of the tests' time that looking for garbage may take
 _after_the_last_look = 0.0
 _not_before = 0.0  # seconds of `time.monotonic`
 _spent = 0.0  # seconds, looking for garbage
-_LARGE = 800.0  # megabytes; a larger process frees what could be used again, too
 
 _SHOWN = 8  # tests of each process
 _LEAST = 20.0  # megabytes by which a test that is shown raised the peak
@@ -57,7 +55,7 @@ def _peak() -> float:
 def exclude_from_searches_for_garbage() -> None:
     """Python's collector no longer looks at the objects that exist now.
 
-    After all tests are collected, a search through them takes about 0.3 s, and tests that draw or
+    A search through those of all modules and tests takes about 0.3 s, and tests that draw or
     simulate make Python search twice a second.
     """
     gc.collect()
@@ -77,9 +75,6 @@ def free_if_grown() -> None:
     if grown < _GROWN or (now < _not_before and grown < _GROWN_MUCH):
         return
     free_what_nobody_uses()
-    if resident() > _LARGE:
-        free_caches()
-        free_what_nobody_uses()
     _after_the_last_look, ended = resident(), time.monotonic()
     _not_before = ended + (ended - now) / _PART
     _spent += ended - now
@@ -105,20 +100,17 @@ def _drop_the_last_source() -> None:
         vars(core)["_LAST_PARSED_MODEL_PTR"] = None
 
 
-def free_caches() -> None:
-    """Frees what may be used again, but takes much memory.
+def keep_little() -> None:
+    """The renderer keeps the OpenGL resources of two models, not of eight, and MuJoCo no meshes.
 
-    MuJoCo's cache of meshes and textures takes 130 MB of dm_control's dog.
+    With Mesa, those of a model take 95 MB. The meshes of dm_control's dog take 130 MB.
     """
-    if mujoco := sys.modules.get("mujoco"):
-        mujoco.mj_clearCache(mujoco.mj_getCache())
+    import mujoco  # after the renderer is chosen
 
-
-def keep_few_canvases() -> None:
-    """The renderer keeps the OpenGL resources of two models, not of eight: 95 MB each with Mesa."""
-    from limberjack.mujoco.rendering import canvases  # after the renderer is chosen
+    from limberjack.mujoco.rendering import canvases
 
     canvases._MOST_SHARED = 2
+    mujoco.mj_setCacheCapacity(mujoco.mj_getCache(), 0)
 
 
 def resident() -> float:

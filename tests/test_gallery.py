@@ -5,10 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib.image
 import numpy as np
 import pytest
 import typer.testing
+from PIL import Image
 
 from limberjack import gallery, suite
 from limberjack.cli import app
@@ -30,6 +30,11 @@ def _drawn(directory: Path) -> Path:
     return out
 
 
+def _read(path: Path) -> np.ndarray:
+    """A picture, with colours between 0 and 1."""
+    return np.asarray(Image.open(path)) / 255
+
+
 def _assert_committed(drawn: np.ndarray, committed: np.ndarray) -> None:
     # Other drivers draw edges and text otherwise.
     assert np.abs(drawn - committed).mean() < 0.02
@@ -44,11 +49,11 @@ def test_each_task_has_a_picture_that_is_not_blank_and_the_sheet_is_committed(
 ) -> None:
     directory = _drawn(tmp_path)
     for domain, task in suite.ALL_TASKS:
-        picture = matplotlib.image.imread(directory / f"{domain}-{task}.png")
+        picture = _read(directory / f"{domain}-{task}.png")
         assert picture.shape == (480, 480, 3)
         assert picture.std() > 0.02
-    drawn = matplotlib.image.imread(directory / "suite.png")
-    committed = matplotlib.image.imread(_COMMITTED)
+    drawn = _read(directory / "suite.png")
+    committed = _read(_COMMITTED)
     assert drawn.shape == committed.shape
     _assert_committed(drawn, committed)
 
@@ -57,16 +62,16 @@ def test_each_task_has_a_picture_that_is_not_blank_and_the_sheet_is_committed(
 def test_the_committed_sheet_has_the_pictures_that_are_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sheet = matplotlib.image.imread(_COMMITTED)
+    sheet = _read(_COMMITTED)
     assert sheet.shape == (960, 1440, 3)
     assert _COMMITTED.stat().st_size < _MOST_BYTES
     chosen = (("acrobot", "swingup"), ("humanoid", "walk"), ("stacker", "stack_4"))
     monkeypatch.setattr(suite, "tasks", lambda: chosen)
     *paths, small = gallery.write(tmp_path)
-    drawn = matplotlib.image.imread(small)
+    drawn = _read(small)
     for number, ((domain, task), path) in enumerate(zip(chosen, paths, strict=True)):
         assert path.name == f"{domain}-{task}.png"
-        picture = matplotlib.image.imread(path)
+        picture = _read(path)
         assert picture.shape == (480, 480, 3)
         assert picture.std() > 0.02
         row, column = divmod(suite.ALL_TASKS.index((domain, task)), 9)

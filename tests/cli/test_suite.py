@@ -1,43 +1,16 @@
 """`limberjack list`."""
 
+import importlib
 import json
-import math
 import re
-import sys
-from collections.abc import Iterator
-from typing import Any
 
-import pytest
-import typer.testing
-
-from limberjack import suite
-from limberjack.cli import app
-from limberjack.mujoco.wrapper import sharing
-
-
-def _invoke(*arguments: str) -> Any:
-    """The result of the command in this process, without a terminal."""
-    return typer.testing.CliRunner().invoke(app, list(arguments))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _models_kept() -> Iterator[None]:
-    """The models of all tasks stay compiled; the package keeps fewer, and each list needs all."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sharing, "_MOST_KEPT", 2**30)
-        yield
-
-
-@pytest.fixture(autouse=True)
-def _search_path() -> Iterator[None]:
-    """The command adds the working directory to the module search path: that is undone."""
-    before = list(sys.path)
-    yield
-    sys.path[:] = before
+from limberjack import registry, suite
+from tests import plain_domain
+from tests.cli.conftest import invoke
 
 
 def test_list_has_a_row_for_each_task_with_its_sizes() -> None:
-    result = _invoke("list")
+    result = invoke("list")
     assert result.exit_code == 0
     rows = [tuple(line.split()[:2]) for line in result.stdout.splitlines()[2:]]
     assert rows == list(suite.ALL_TASKS)
@@ -45,18 +18,28 @@ def test_list_has_a_row_for_each_task_with_its_sizes() -> None:
     assert re.search(r"stacker +stack_4 +hard, extra +5 +63 *$", result.stdout, re.MULTILINE)
 
 
-def test_list_as_json_has_an_object_for_each_task() -> None:
-    result = _invoke("list", "--json")
+def test_list_as_json_has_an_object_for_each_task_with_the_sizes_of_the_table() -> None:
+    result = invoke("list", "--json")
     assert result.exit_code == 0
     tasks = json.loads(result.stdout)
     assert [(task["domain"], task["task"]) for task in tasks] == list(suite.ALL_TASKS)
-    for task in tasks:
-        environment = suite.load(task["domain"], task["task"])
-        assert task["action_size"] == math.prod(environment.action_spec().shape)
-        sizes = (math.prod(spec.shape) for spec in environment.observation_spec().values())
-        assert task["observation_size"] == sum(sizes)
+    for task, row in zip(tasks, registry.TASKS, strict=True):  # which has those of environments
+        assert (task["action_size"], task["observation_size"]) == (row.actions, row.observations)
     assert {tuple(task) for task in tasks} == {
         ("domain", "task", "tags", "action_size", "observation_size")
     }
     (stacker,) = [task for task in tasks if task["task"] == "stack_4"]
     assert (stacker["domain"], stacker["tags"]) == ("stacker", ["hard", "extra"])
+
+
+def test_the_models_of_a_domain_that_was_assigned_are_compiled_for_their_sizes() -> None:
+    name = "a_domain_of_these_tests"
+    suite._DOMAINS[name] = importlib.import_module(plain_domain.__name__)
+    try:
+        tasks = json.loads(invoke("list", "--json").stdout)
+    finally:
+        del suite._DOMAINS[name]
+    sizes = [
+        (one["action_size"], one["observation_size"]) for one in tasks if one["domain"] == name
+    ]
+    assert sizes == [(1, 3)] * len(plain_domain.SUITE)

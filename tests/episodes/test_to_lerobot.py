@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from dm_env import specs
 from PIL import Image
@@ -77,7 +78,8 @@ def _states(dataset: Dataset) -> np.ndarray:
 
 
 def _frames(folder: Path) -> Any:
-    return pd.concat(map(pd.read_parquet, sorted((folder / "data").rglob("*.parquet"))))
+    files = sorted((folder / "data").rglob("*.parquet"))
+    return pa.concat_tables([pq.read_table(file) for file in files]).to_pandas()
 
 
 def _meta(folder: Path) -> tuple[Any, Any]:
@@ -108,17 +110,17 @@ def test_the_files_say_where_each_episode_is(pendulums: Dataset, tmp_path: Path)
     shown: list[object] = []
     to_lerobot(pendulums, tmp_path / "out", lambda *told: shown.append(told))
     assert shown == [("converting", number, 0.0) for number in range(1, 71)]
-    found = pd.read_parquet(tmp_path / "out" / "meta" / "episodes")
+    found = pq.read_table(tmp_path / "out" / "meta" / "episodes").to_pandas()
     assert found["data/file_index"].tolist() == [0] * 64 + [1] * 6
     for _, episode in found.iterrows():
         name = f"chunk-000/file-{episode['data/file_index']:03d}.parquet"
-        frames = pd.read_parquet(tmp_path / "out" / "data" / name)
+        frames = pq.read_table(tmp_path / "out" / "data" / name).to_pandas()
         here = frames["index"][frames["episode_index"] == episode["episode_index"]].tolist()
         first, end = (int(cast(int, episode[f"dataset_{name}_index"])) for name in ("from", "to"))
         assert here == [*range(first, end)]
         assert len(here) == episode["length"] == 10
         assert list(episode["tasks"]) == ["pendulum swingup"]
-    tasks = pd.read_parquet(tmp_path / "out" / "meta" / "tasks.parquet")
+    tasks = pq.read_table(tmp_path / "out" / "meta" / "tasks.parquet").to_pandas()
     assert tasks.loc["pendulum swingup", "task_index"] == 0
 
 
@@ -127,10 +129,12 @@ def test_files_beyond_those_of_a_folder_are_in_the_next_one(
 ) -> None:
     monkeypatch.setattr("limberjack.episodes.to_lerobot._PER_CHUNK", 1)
     to_lerobot(arms, tmp_path / "out")
-    found = pd.read_parquet(tmp_path / "out" / "meta" / "episodes")
+    found = pq.read_table(tmp_path / "out" / "meta" / "episodes").to_pandas()
     for number in range(2):
         assert found[["data/chunk_index", "data/file_index"]].iloc[number].tolist() == [number, 0]
-        frames = pd.read_parquet(tmp_path / "out" / f"data/chunk-00{number}/file-000.parquet")
+        frames = pq.read_table(
+            tmp_path / "out" / f"data/chunk-00{number}/file-000.parquet"
+        ).to_pandas()
         assert frames["episode_index"].tolist() == [number] * 5
 
 

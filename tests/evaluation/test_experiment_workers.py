@@ -51,12 +51,14 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return policy, directory
 
 
+@pytest.mark.parametrize("whole", ["Memory"], indirect=True)
 def test_two_workers_write_the_same_files(whole: tuple[str, Path], tmp_path: Path) -> None:
     policy, directory = whole
     _evaluate(policy=policy, out=tmp_path, workers=2)
     assert _files(tmp_path) == _files(directory)
 
 
+@pytest.mark.parametrize("whole", ["BatchedMemory"], indirect=True)
 def test_four_units_at_a_time_in_an_executor_write_the_same_files(
     whole: tuple[str, Path], tmp_path: Path
 ) -> None:
@@ -75,12 +77,6 @@ def test_three_shards_are_joined_to_the_same_files(whole: tuple[str, Path], tmp_
     _evaluate(policy=policy, out=tmp_path, on_progress=lambda *now: played.append(now))
     assert played == []
     assert _files(tmp_path) == _files(directory)
-
-
-def test_four_workers_write_the_same_files(tmp_path: Path) -> None:
-    _evaluate(policy="random", out=tmp_path / "one", num_threads=1)
-    _evaluate(policy="random", out=tmp_path / "four", workers=4)
-    assert _files(tmp_path / "four") == _files(tmp_path / "one")
 
 
 def test_the_planner_is_the_same_on_one_thread_and_on_workers(tmp_path: Path) -> None:
@@ -104,6 +100,7 @@ def test_a_unit_has_the_kinds_of_starts_of_full_episodes() -> None:
     assert len({score.start for score in scores}) > 1
 
 
+@pytest.mark.parametrize("whole", ["damped"], indirect=True)
 def test_an_interrupted_evaluation_continues_with_workers(
     whole: tuple[str, Path], tmp_path: Path
 ) -> None:

@@ -22,7 +22,7 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
 
 
 @on_linux
-@pytest.mark.parametrize("backend", ["egl", "osmesa", "glfw", "nonsense", "disable", None])
+@pytest.mark.parametrize("backend", ["egl", "glfw", None])
 def test_nothing_of_opengl_is_loaded_to_import_load_reset_and_step(
     run_script: Callable[..., str], backend: str | None
 ) -> None:
@@ -69,28 +69,32 @@ print(dict(os.environ) == before)
     assert run_script(script, MUJOCO_GL=backend) == "True\nTrue\n"
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "from mujoco import GLContext",
-        "from mujoco.gl_context import GLContext",
-        "from mujoco.rendering.classic.gl_context import GLContext",
-        "from mujoco.rendering.classic.renderer import GLContext",
-        "from mujoco.gl_context import *",
-        "import mujoco; GLContext = mujoco.GLContext",
-        "import mujoco.gl_context; GLContext = mujoco.gl_context.GLContext",
-    ],
-)
-def test_mujocos_context_class_exists_under_all_its_names(
-    run_script: Callable[..., str], statement: str
-) -> None:
+_STATEMENTS = [
+    "from mujoco import GLContext",
+    "from mujoco.gl_context import GLContext",
+    "from mujoco.rendering.classic.gl_context import GLContext",
+    "from mujoco.rendering.classic.renderer import GLContext",
+    "from mujoco.gl_context import *",
+    "import mujoco; GLContext = mujoco.GLContext",
+    "import mujoco.gl_context; GLContext = mujoco.gl_context.GLContext",
+]
+
+
+@on_linux
+def test_mujocos_context_class_exists_under_all_its_names(run_script: Callable[..., str]) -> None:
     script = f"""
+import os
 import limberjack.mujoco
-{statement}
-import mujoco.egl
-print(GLContext is mujoco.egl.GLContext is mujoco.GLContext)
+for statement in {_STATEMENTS}:
+    child = os.fork()  # so that no statement finds what another one has imported
+    if not child:
+        exec(statement)
+        import mujoco.egl
+        os._exit(0 if GLContext is mujoco.egl.GLContext is mujoco.GLContext else 1)
+    if os.waitpid(child, 0)[1]:
+        print(statement)
 """
-    assert run_script(script, MUJOCO_GL="egl") == "True\n"
+    assert run_script(script, MUJOCO_GL="egl") == ""
 
 
 def test_mujocos_renderer_works(run_script: Callable[..., str]) -> None:

@@ -16,8 +16,7 @@ def compiled_once() -> Iterator[None]:
     """dm_control takes a copy, bit for bit the same, of the last model if the source is the same.
 
     Otherwise compilation would take a third of the time of short tests. The tests of a task run one
-    after the other, and use one model; several of dm_control's dog would take 70 MB each. The tests
-    of models and of whole episodes let dm_control compile.
+    after the other, and use one model; several of dm_control's dog would take 70 MB each.
     """
     from .oracle import theirs  # skips where dm_control is not installed
 

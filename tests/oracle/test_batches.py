@@ -1,8 +1,8 @@
 """Row i of a batch is dm_control's own environment with seed + i, bit for bit.
 
 Every task plays 60 time steps of each row, across the end of an episode and a reset in the middle
-of one, in batches of 1, 5 and 16. The three sizes use the three autoreset modes and one or two
-threads, in an order that rotates over the tasks.
+of one. The representative tasks do so in batches of 1, 5 and 16, the others in one of them. Modes of
+autoreset and one or two threads rotate over sizes and tasks.
 
 Of 16 rows and more, five are compared with dm_control; which ones rotates over the tasks as well,
 because that many environments of dm_control would take longer than the batch. The laws compare
@@ -49,7 +49,9 @@ def test_rows_are_dm_controls_environments(number: int, task: tuple[str, str]) -
     play = Play(task, _SEED, _STEPS, _EPISODE)
     compared = {1: [0], _FEW: list(range(_FEW)), _MANY: _some(_MANY, number)}
     modes = list(AutoresetMode)
-    expected = play.of_dm_control(sorted({*compared[_FEW], *compared[_MANY]}))
+    if task not in FEATURES.values():
+        compared = dict([list(compared.items())[number // len(modes) % len(compared)]])
+    expected = play.of_dm_control(sorted({row for rows in compared.values() for row in rows}))
     for turn, (num_envs, rows) in enumerate(compared.items(), number):
         mode, num_threads = modes[turn % len(modes)], 1 + turn // len(modes) % 2
         found = play.of_batch(num_envs, num_threads, mode)

@@ -11,7 +11,7 @@ import pytest
 from . import twins
 from .oracle import ours
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 _STEPS = 130
 _STEPS_OF_AN_EPISODE = 80

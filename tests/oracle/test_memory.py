@@ -18,7 +18,6 @@ _MOST = 40.0  # megabytes
 
 
 def _in_use() -> float:
-    memory.free_caches()
     memory.free_what_nobody_uses()
     return memory.resident()
 

@@ -6,12 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from limberjack.mujoco.fingerprint import fingerprint
+from tests.small_sky import small_sky
+
 from . import twins
 from .drawn_here import DOMAINS, NOT_COMPARED, compared_fields, compared_names
-from .oracle import BOTH
+from .oracle import BOTH, ours
 from .same import assert_same, assert_same_pair, fields
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 _OBJECTS = {
     "body": "nbody",
@@ -73,6 +76,14 @@ def test_a_loaded_model_and_its_task_are_the_same(domain: str, task: str) -> Non
     models = env.ours.physics.model, env.theirs.physics.model
     _assert_same_models(domain, models[0].ptr, models[1].ptr, env.where)
     _assert_same_names(domain, models[0], models[1], env.where)
+
+
+def test_the_tasks_with_one_model_are_known() -> None:
+    sources: dict[str, tuple[str, str]] = {}
+    with small_sky():
+        for task in twins.TASKS:
+            model = ours("suite").load(*task, {"random": 0}).physics.model._model
+            assert sources.setdefault(fingerprint(model), task) == twins.MODEL_OF[task]
 
 
 @pytest.mark.parametrize("domain", DOMAINS)

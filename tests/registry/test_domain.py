@@ -78,9 +78,9 @@ def test_a_module_that_was_only_put_in_sys_modules_has_no_import_name(
 
 
 def test_a_row_has_its_facts_in_order_and_by_name() -> None:
-    domain, task, tags, steps, dof = _ROW
-    assert (domain, task, tags, steps, dof) == ("swing", "up", ("easy",), None, 1)
-    assert (_ROW.domain, _ROW.task, _ROW.tags, _ROW.steps, _ROW.dof) == _ROW
+    assert tuple(_ROW) == ("swing", "up", ("easy",), None, 1, None, None)
+    assert (_ROW.domain, _ROW.task, _ROW.tags, _ROW.steps, _ROW.dof) == _ROW[:5]
+    assert (_ROW.actions, _ROW.observations) == _ROW[5:]
 
 
 def test_rows_are_values_that_cannot_be_changed() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import limberjack.suite
 from limberjack.registry import Row, suite_module
+from limberjack.suite._registration import sizes_of
 
 __all__ = ["TABLE", "domains", "rows", "text"]
 
@@ -40,9 +41,9 @@ def rows() -> list[Row]:
         for task, factory in suite.items():
             tags = tuple(tag for tag in suite.tags() if task in suite.tagged(tag))
             environment = factory(random=0)
-            size = environment.step_limit, environment.physics.model.nv
+            length, dof = environment.step_limit, environment.physics.model.nv
+            found.append(Row(domain, task, tags, length, dof, *sizes_of(environment)))
             environment.close()
-            found.append(Row(domain, task, tags, *size))
     return found
 
 
@@ -52,7 +53,8 @@ def text() -> str:
     for row in rows():
         tags = "".join(f'"{tag}", ' for tag in row.tags)
         tags = f"({tags.rstrip() if len(row.tags) == 1 else tags.rstrip(', ')})"
-        lines.append(f'    Row("{row.domain}", "{row.task}", {tags}, {row.steps}, {row.dof}),\n')
+        numbers = f"{row.steps}, {row.dof}, {row.actions}, {row.observations}"
+        lines.append(f'    Row("{row.domain}", "{row.task}", {tags}, {numbers}),\n')
     return f"{_HEAD}{''.join(lines)})\n"
 
 

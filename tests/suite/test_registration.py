@@ -476,9 +476,9 @@ def test_the_rows_have_the_tags_the_length_and_the_degrees_of_freedom_of_each_ta
     module.SUITE.add("easy", "mine")(short)
     module.SUITE.add("mine")(endless)
     assert _registration.rows_of("body", module) == (
-        Row("body", "good", (), 1000, 27),
-        Row("body", "short", ("easy", "mine"), 40, 27),
-        Row("body", "endless", ("mine",), None, 27),
+        Row("body", "good", (), 1000, 27, 21, 67),
+        Row("body", "short", ("easy", "mine"), 40, 27, 21, 67),
+        Row("body", "endless", ("mine",), None, 27, 21, 67),
     )
 
 

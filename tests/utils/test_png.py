@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-import matplotlib.image
 import numpy as np
 import pytest
+from PIL import Image
 
 from limberjack.utils import png
 
 
 def _read(path: Path) -> np.ndarray:
-    return np.round(255 * matplotlib.image.imread(path)).astype(np.uint8)
+    return np.asarray(Image.open(path))
 
 
 _RAMP = np.add.outer(np.arange(40), np.arange(50))[..., None] + np.array([0, 60, 120])
@@ -51,5 +51,5 @@ def test_a_file_of_this_encoder_is_known_by_its_beginning(tmp_path: Path) -> Non
     assert not png.is_encoded(b"")
     assert not png.is_encoded(b"hours of work" * 10)
     other = tmp_path / "other.png"
-    matplotlib.image.imsave(other, _RAMP.astype(np.uint8) / 255)
+    Image.fromarray(_RAMP.astype(np.uint8)).convert("RGBA").save(other)
     assert not png.is_encoded(other.read_bytes())

@@ -1,8 +1,8 @@
 """`limberjack list` and `gallery`: the tasks of the suite, and a picture of each."""
 
+import contextlib
 import dataclasses
 import json as json_module
-import math
 from typing import Annotated
 
 import typer
@@ -22,8 +22,8 @@ class _Task:
     domain: str
     task: str
     tags: list[str]
-    action_size: int
-    observation_size: int
+    action_size: int | None
+    observation_size: int | None
 
 
 @command("list", "limberjack list", "limberjack list --json")
@@ -47,23 +47,26 @@ def _list(
         return
     rows = table("domain", "task", "tags", "action>", "observation>")
     for task in tasks:
-        sizes = str(task.action_size), str(task.observation_size)
-        rows.add_row(task.domain, task.task, ", ".join(task.tags), *sizes)
+        sizes = task.action_size, task.observation_size
+        rows.add_row(task.domain, task.task, ", ".join(task.tags), *map(_shown, sizes))
     console().print(rows)
 
 
 def _described(domain: str, task: str) -> _Task:
-    from limberjack import suite
+    from limberjack import registry, suite
+    from limberjack.suite._registration import sizes_of
 
-    factories = suite.module_of(domain).SUITE
-    tags = [str(tag) for tag in factories.tags() if task in factories.tagged(tag)]
-    if (domain, task) not in suite.BENCHMARKING:
-        tags.append("extra")
-    environment = suite.load(domain, task)
-    action, observation = environment.action_spec(), environment.observation_spec()
-    environment.close()
-    sizes = (math.prod(spec.shape) for spec in observation.values())
-    return _Task(domain, task, tags, math.prod(action.shape), sum(sizes))
+    (row,) = [one for one in registry.domains()[domain].rows if one.task == task]
+    tags = [*row.tags, *([] if (domain, task) in suite.BENCHMARKING else ["extra"])]
+    sizes = row.actions, row.observations
+    if None in sizes:  # of a domain that was assigned, whose models were not compiled
+        with contextlib.closing(suite.load(domain, task)) as environment:
+            sizes = sizes_of(environment)
+    return _Task(domain, task, tags, *sizes)
+
+
+def _shown(size: int | None) -> str:
+    return "?" if size is None else str(size)
 
 
 @command("gallery", "limberjack gallery --out pictures")

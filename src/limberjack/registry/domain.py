@@ -25,6 +25,8 @@ class Row(NamedTuple):
     tags: tuple[str, ...]
     steps: int | None  # of an episode; None without a time limit
     dof: int  # degrees of freedom of the model
+    actions: int | None = None  # numbers of an action; None if unknown
+    observations: int | None = None  # numbers of an observation; None if unknown
 
 
 @dataclass(frozen=True)

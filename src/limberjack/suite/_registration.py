@@ -9,6 +9,7 @@ which also gives the episode lengths.
 
 import importlib
 import inspect
+import math
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from types import ModuleType
 from typing import Any
@@ -33,6 +34,7 @@ __all__ = [
     "registration_of",
     "require",
     "rows_of",
+    "sizes_of",
     "unregister",
 ]
 
@@ -313,8 +315,19 @@ def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None
     else:
         problems += [f"the task of {task} has {what}" for what in wrong]
     tags = tuple(str(tag) for tag in suite.tags() if task in suite.tagged(tag))
+    row = None if wrong else Row(name, task, tags, steps, int(dof), *sizes_of(environment))
     environment.close()
-    return None if wrong else Row(name, task, tags, steps, int(dof))
+    return row
+
+
+def sizes_of(environment: dm_env.Environment) -> tuple[int | None, int | None]:
+    """Numbers of an action and of an observation; None for specs of another form."""
+    found: list[int | None] = []
+    for spec in environment.action_spec(), environment.observation_spec():
+        parts: Any = spec.values() if isinstance(spec, Mapping) else [spec]
+        is_known = all(isinstance(part, specs.Array) for part in parts)
+        found.append(sum(math.prod(part.shape) for part in parts) if is_known else None)
+    return found[0], found[1]
 
 
 def _missing_keywords(factory: object) -> list[str]:

@@ -32,18 +32,15 @@ draw()
 
 
 @on_linux
-@pytest.mark.parametrize("value", [None, "", "egl", " EGL ", "on", "1"])
+@pytest.mark.parametrize("value", [None, " EGL ", "on"])
 def test_egl_comes_first_and_by_name(run_script: Callable[..., str], value: str | None) -> None:
     assert run_script(_DRAW, MUJOCO_GL=value).startswith("egl ")
 
 
 @on_linux
 @with_osmesa
-@pytest.mark.parametrize("platform", [None, "egl", "osmesa"])
-def test_osmesa_renders_for_any_pyopengl_platform(
-    run_script: Callable[..., str], platform: str | None
-) -> None:
-    printed = run_script(_DRAW, MUJOCO_GL="osmesa", PYOPENGL_PLATFORM=platform)
+def test_osmesa_renders_for_any_pyopengl_platform(run_script: Callable[..., str]) -> None:
+    printed = run_script(_DRAW, MUJOCO_GL="osmesa", PYOPENGL_PLATFORM="egl")
     assert printed.startswith("osmesa ")
 
 
@@ -56,8 +53,7 @@ def test_osmesa_draws_where_egl_cannot(run_script: Callable[..., str]) -> None:
 
 
 @on_linux
-@pytest.mark.parametrize("backend", ["egl", None])
-@pytest.mark.parametrize("device", ["99", "-1", "first"])
+@pytest.mark.parametrize(("device", "backend"), [("99", "egl"), ("-1", None), ("first", "egl")])
 def test_an_unknown_device_is_refused_and_not_replaced(
     run_script: Callable[..., str], device: str, backend: str | None
 ) -> None:
@@ -114,7 +110,7 @@ def test_egl_devices_are_listed_by_renderer(run_script: Callable[..., str]) -> N
     assert run_script(_DRAW, MUJOCO_EGL_DEVICE_ID=str(number)).startswith("egl ")
 
 
-@pytest.mark.parametrize("value", ["disable", "disabled", "off", "FALSE", "0"])
+@pytest.mark.parametrize("value", ["disable", "FALSE"])
 def test_rendering_can_be_switched_off(run_script: Callable[..., str], value: str) -> None:
     printed = run_script(_DRAW, MUJOCO_GL=value)
     assert "switched off" in printed

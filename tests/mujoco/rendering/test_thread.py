@@ -450,7 +450,7 @@ print(status(pid))
     assert not told or "'spawn' or 'forkserver'" in told[0]
 
 
-@pytest.mark.parametrize("method", ["spawn", "forkserver", "fork"])
+@pytest.mark.parametrize("method", ["spawn", "fork"])
 @needs_fork
 def test_worker_processes_draw(run_script: Callable[..., str], method: str) -> None:
     script = f"""
@@ -462,8 +462,8 @@ with open(os.path.join(directory, "worker.py"), "w") as file:
 sys.path.insert(0, directory)
 import worker
 frame = worker.draw()
-with multiprocessing.get_context({method!r}).Pool(2) as pool:
-    print(all((drawn == frame).all() for drawn in pool.map(worker.work, range(6))))
+with multiprocessing.get_context({method!r}).Pool(1) as pool:
+    print(all((drawn == frame).all() for drawn in pool.map(worker.work, range(3))))
 """
     assert run_script(script) == "True\n"
 
@@ -474,14 +474,13 @@ with multiprocessing.get_context({method!r}).Pool(2) as pool:
 @pytest.mark.parametrize(
     "open_things",
     [
-        "camera = Camera(physics); camera.render()",
-        "context = physics.contexts.mujoco.ptr",
-        "many = [Physics.from_xml_string(xml) for _ in range(9)]; [p.render() for p in many]",
+        "camera = Camera(physics); camera.render(); context = physics.contexts.mujoco.ptr;"
+        " many = [Physics.from_xml_string(xml) for _ in range(9)]; [p.render() for p in many];"
+        " physics.cycle = physics; draw()",
         "import mujoco; r = mujoco.Renderer(physics.model.ptr); r.update_scene(physics.data.ptr);"
         " r.render(); draw()",
         "draw(); threading.Thread(target=lambda: [draw() for _ in range(20)]).start()",
         "draw_rows(); threading.Thread(target=lambda: [draw_rows() for _ in range(9)]).start()",
-        "physics.cycle = physics; draw()",
     ],
 )
 def test_the_process_exits_silently(run_script: Callable[..., str], open_things: str) -> None:
@@ -507,7 +506,7 @@ theirs = dm_control.mujoco.Physics.from_xml_string({_MODEL!r})
 """)
 
 
-@pytest.mark.parametrize("pause", [0.0, 0.005, 0.01, 0.02])
+@pytest.mark.parametrize("pause", [0.0, 0.01])
 def test_the_process_exits_silently_while_a_daemon_draws(
     run_script: Callable[..., str], pause: float
 ) -> None:

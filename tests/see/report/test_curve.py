@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 import pytest
 
@@ -118,7 +117,9 @@ def test_a_learning_plot_of_many_tasks_has_a_panel_for_each(tmp_path: Path) -> N
 
 
 def test_the_returns_of_untrained_policies_do_not_squeeze_a_learning_plot() -> None:
-    axes: Any = matplotlib.figure.Figure().subplots()
+    from matplotlib.figure import Figure  # which few processes of the tests need
+
+    axes: Any = Figure().subplots()
     for over, most in ((curve._STEPS, 1.5), ("minutes of one processor core", 5.0)):
         axes.clear()
         curve._draw_learning(axes, Learning("a task", [_RUN], _OWN, (700.0, "best")), over)
