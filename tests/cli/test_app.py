@@ -132,11 +132,12 @@ def test_a_folder_whose_name_is_no_text_is_written_to(tmp_path: Path) -> None:
     ],
 )
 def test_a_module_that_cannot_be_imported_is_named(
-    source: str, message: str, tmp_path: Path
+    source: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "a_module.py").write_text(source)
-    done = call("--import", "a_module", "list", directory=tmp_path)
-    assert (done.returncode, done.stderr) == (2, f"limberjack: --import a_module: {message}\n")
+    monkeypatch.chdir(tmp_path)
+    done = invoke("--import", "a_module", "list")
+    assert (done.exit_code, done.stderr) == (2, f"limberjack: --import a_module: {message}\n")
 
 
 def test_a_relative_import_is_refused() -> None:
@@ -223,7 +224,7 @@ def test_ray_takes_an_address_or_none(
     assert asked == [address]
 
 
-@pytest.mark.parametrize("command", ["list", "run cartpole balance", "info .", "doctor"])
+@pytest.mark.parametrize("command", ["run cartpole balance", "doctor"])
 def test_a_damaged_mujoco_is_reported_with_commands_on_lines_of_their_own(
     command: str, tmp_path: Path
 ) -> None:

@@ -163,16 +163,17 @@ def test_a_shard_needs_a_folder() -> None:
         shard_named("3/8", None)
 
 
-@pytest.mark.parametrize("name", ["humanoid/wlak", "humanoid/", "/walk"])
 @pytest.mark.parametrize(
-    "command",
+    ("command", "name"),
     [
-        ["run"],
-        ["solve"],
-        ["view"],
-        ["bench", "--num-envs", "2"],
-        ["evaluate", "--seeds", "0:2"],
-        ["record", "--out", "film.mp4"],
+        (["run"], "humanoid/wlak"),
+        (["run"], "humanoid/"),
+        (["run"], "/walk"),
+        (["solve"], "humanoid/wlak"),
+        (["view"], "humanoid/wlak"),
+        (["bench", "--num-envs", "2"], "humanoid/wlak"),
+        (["evaluate", "--seeds", "0:2"], "humanoid/wlak"),
+        (["record", "--out", "film.mp4"], "humanoid/wlak"),
     ],
 )
 def test_every_command_that_takes_a_task_takes_one_word(
@@ -237,6 +238,7 @@ def _env(name: str) -> list[str]:
     return ["--env", f"tests.cli.environments:{name}"]
 
 
+@pytest.mark.usefixtures("no_films")
 @pytest.mark.parametrize("name", _OWN)
 def test_a_users_environment_is_evaluated_collected_run_and_replayed(
     name: str, tmp_path: Path
@@ -359,15 +361,22 @@ def test_an_environment_repeats_actions_as_it_says_unless_it_is_asked_otherwise(
                 assert invoke("replay", str(out), *_env("repeating")).exit_code == 0
 
 
-@pytest.mark.parametrize("command", ["collect", "evaluate", "record", "run", "solve", "view"])
+_NOT_MADE = [
+    (["humanoid", "walk", *_env("plain")], "got humanoid and --env tests.cli.environments:pl"),
+    (_env("plian"), "Did you mean 'plain'?"),
+    (_env("not_a_function"), "expected a function make(seed)"),
+    (_env("nothing"), "made a NoneType; expected a dm_env.Environment"),
+    (_env("failing"), "ZeroDivisionError: "),
+]
+
+
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("command", "arguments", "message"),
     [
-        (["humanoid", "walk", *_env("plain")], "got humanoid and --env tests.cli.environments:pl"),
-        (_env("plian"), "Did you mean 'plain'?"),
-        (_env("not_a_function"), "expected a function make(seed)"),
-        (_env("nothing"), "made a NoneType; expected a dm_env.Environment"),
-        (_env("failing"), "ZeroDivisionError: "),
+        *(("run", *one) for one in _NOT_MADE),
+        *((command, *_NOT_MADE[0]) for command in ("collect", "evaluate", "record", "solve")),
+        *((command, *_NOT_MADE[-1]) for command in ("collect", "evaluate", "record", "solve")),
+        *(("view", *one) for one in _NOT_MADE),
     ],
 )
 def test_an_environment_that_cannot_be_made_is_one_line_and_status_2(

@@ -371,11 +371,10 @@ def _call(out: Path, **variables: str) -> "subprocess.CompletedProcess[str]":
 def test_a_killed_evaluation_continues_and_equals_one_that_was_not_killed(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert _call(whole).returncode == 0
-    for seed, expected in (("64", 64), ("128", 128)):
-        done = _call(killed, KILL_FROM_SEED=seed)
-        assert done.returncode == -9, done.stderr
-        assert len(_lines(killed)) == 1 + expected
-        assert not (killed / "result.json").exists()
+    done = _call(killed, KILL_FROM_SEED="64")
+    assert done.returncode == -9, done.stderr
+    assert len(_lines(killed)) == 1 + 64
+    assert not (killed / "result.json").exists()
     first = (killed / "episodes.jsonl").read_bytes()
     done = _call(killed)
     assert done.returncode == 0, done.stderr

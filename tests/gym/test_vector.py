@@ -28,6 +28,7 @@ from limberjack.gym.vector import Workers, joined
 from limberjack.rl import control
 from limberjack.rl.batch_contract import Batch
 from tests.programs import run
+from tests.representatives import Task, in_turn
 
 from .gym_episodes import (
     MODES,
@@ -76,11 +77,10 @@ def _assert_lockstep(envs: Any, reference: Any, steps: int, mode: AutoresetMode)
 # Laws.
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize(("domain", "task"), TASKS)
-def test_rows_equal_single_environments(domain: str, task: str, mode: AutoresetMode) -> None:
-    makers = [lambda: gym.load(domain, task, time_limit=0.1)] * 3
-    envs = _envs(3, (domain, task), time_limit=0.1, autoreset_mode=mode)
+@pytest.mark.parametrize(("mode", "task"), in_turn(AutoresetMode))
+def test_rows_equal_single_environments(mode: AutoresetMode, task: Task) -> None:
+    makers = [lambda: gym.load(*task, time_limit=0.1)] * 3
+    envs = _envs(3, task, time_limit=0.1, autoreset_mode=mode)
     reference = SyncVectorEnv(makers, autoreset_mode=mode)
     assert envs.observation_space == reference.observation_space
     assert envs.action_space == reference.action_space
@@ -91,8 +91,7 @@ def test_rows_equal_single_environments(domain: str, task: str, mode: AutoresetM
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("num_envs", [1, 2, 7])
-@pytest.mark.parametrize("flat", [False, True], ids=["dict", "flat"])
+@pytest.mark.parametrize(("num_envs", "flat"), [(1, True), (7, False)])
 def test_rows_that_end_at_different_times_equal_single_environments(
     num_envs: int, mode: AutoresetMode, flat: bool
 ) -> None:

@@ -1,7 +1,7 @@
 """Row i of a batch is dm_control's own environment with seed + i, bit for bit.
 
 Every task plays 60 time steps of each row, across the end of an episode and a reset in the middle
-of one. The representative tasks do so in batches of 1, 5 and 16, the others in one of them. Modes of
+of one: the representative tasks in batches of 1, 5 and 16, the others in one of them. The modes of
 autoreset and one or two threads rotate over sizes and tasks.
 
 Of 16 rows and more, five are compared with dm_control; which ones rotates over the tasks as well,

@@ -3,6 +3,7 @@
 import collections
 import copy
 import functools
+import itertools
 import multiprocessing
 import os
 import pickle
@@ -33,9 +34,14 @@ def _singles(kind: str, actions: np.ndarray) -> list[list[odd.Facts]]:
     return [list(step) for step in zip(*played, strict=True)]
 
 
-@pytest.mark.parametrize("kind", odd.KINDS)
-@pytest.mark.parametrize(("rows", "threads"), [(1, 1), (2, 1), (5, 2)])
-def test_each_row_is_the_single_environment(kind: str, rows: int, threads: int) -> None:
+def _in_turn(*choices: Any) -> list[tuple[Any, ...]]:
+    """Each kind of environment with one of the choices, in turn."""
+    return list(zip(odd.KINDS, itertools.cycle(choices), strict=False))
+
+
+@pytest.mark.parametrize(("kind", "size"), _in_turn((1, 1), (2, 1), (5, 2)))
+def test_each_row_is_the_single_environment(kind: str, size: tuple[int, int]) -> None:
+    rows, threads = size
     actions = odd.actions_of(2 * odd.STEPS + 5, rows)
     expected = _singles(kind, actions)
     batch = RowsEnvironment(odd.KINDS[kind], rows, threads, seed=_SEED)
@@ -47,8 +53,7 @@ def _batch(kind: str, rows: int = 3, threads: int = 2, seed: int = _SEED) -> Row
     return RowsEnvironment(odd.KINDS[kind], rows, threads, seed=seed)
 
 
-@pytest.mark.parametrize("steps", [0, odd.STEPS + 2])
-@pytest.mark.parametrize("kind", odd.KINDS)
+@pytest.mark.parametrize(("kind", "steps"), _in_turn(0, odd.STEPS + 2))
 def test_a_snapshot_has_the_same_future_in_its_batch_and_in_others(kind: str, steps: int) -> None:
     actions = odd.actions_of(steps + 12, 3)
     batch = _batch(kind)
