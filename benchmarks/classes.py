@@ -38,7 +38,7 @@ def _microseconds(domain: str, task: str) -> float:
     env: Any = suite.load(domain, task, {"random": 0})
     env.reset()
     physics = env.physics
-    batch = mujoco.batch.Batch(physics.model._model, _ROWS, 1)
+    batch = mujoco.batch.Batch(physics.model._official, _ROWS, 1)
     batch.state[...] = physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
     random = np.random.RandomState(0)
     rounds = []

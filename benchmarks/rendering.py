@@ -207,7 +207,7 @@ class _Single(_Contest):
         ours = self._environments[peers.OURS]
         self._random = np.random.RandomState(_SEED)
         self._spec = ours.action_spec()
-        model, self._data = ours.physics.model._model, ours.physics.data._data
+        model, self._data = ours.physics.model._official, ours.physics.data._data
         self.players = {
             _OURS: _drawing(ours, *size),
             _BARE: _bare(model, self._data, *size),
@@ -234,7 +234,7 @@ class _Batch(_Contest):
         self._batch.reset()
         self._random = np.random.RandomState(_SEED)
         physics: Any = self._batch.physics
-        model, official = physics.simulation.model._model, physics.simulation._official
+        model, official = physics.simulation.model._official, physics.simulation._official
         data = mujoco.MjData(model)
         draw = _bare(model, data, *size)
 

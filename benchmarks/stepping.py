@@ -102,7 +102,7 @@ class _Contest:
 
     def _become(self, physics: Any) -> None:
         """Sets the bare simulation to a physics' state."""
-        model, data = physics.model._model, physics.data._data
+        model, data = physics.model._official, physics.data._data
         self._model = copy.copy(model)
         self._data = mujoco.MjData(self._model)
         mujoco.mj_copyData(self._data, self._model, data)

@@ -477,6 +477,11 @@ def test_stand_ins_work_in_annotations_and_checks() -> None:
     assert composer.Environment is composer.Environment
     assert composer.Environment is not composer.Task
     assert composer.Environment
+    class Mine(composer.Task):  # as programs define beside tasks of the suite
+        pass
+    from dm_control.manipulation.shared import workspaces
+    box = workspaces.BoundingBox(lower=(-0.1, 0), upper=(0.1, 1))
+    assert (box.lower, box.upper) == ((-0.1, 0), (0.1, 1))
     def f(a: composer.Environment | None, b: typing.Optional[mjcf.Physics], c: list[composer.Task],
           d: composer.Environment | int = soccer.WalkerType.BOXHEAD) -> None: ...
     assert composer.Environment.__module__ == "limberjack.composer"
@@ -501,10 +506,10 @@ _USES = [
     "'stack' in manipulation.ALL",
     "manipulation.ALL[0]",
     "composer.cached_property(print)",
-    "type(composer.Task)('Mine', (composer.Task,), {})",
-    "exec('class Mine(composer.Task): pass')",
-    "exec('import abc\\nclass Mine(composer.Task, abc.ABC): pass')",
-    "exec('class Mine(composer.SomeError): pass')",
+    "type(composer.Task)('Mine', (composer.Task,), {})()",
+    "exec('class Mine(composer.Task): pass\\nMine()')",
+    "exec('import abc\\nclass Mine(composer.Task, abc.ABC): pass\\nMine(1, x=2)')",
+    "exec('class Mine(composer.SomeError): pass\\nMine()')",
     "composer.SomeError('x')",
 ]
 

@@ -1197,7 +1197,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self.data, self.sets_constants, self._call, self._count, self._before.copy()",
             "self.data, self.sets_constants, self._call, self._count, self._before",
         ),
-        ("        _check(data.model._model, self.get_state(STATE))\n", ""),
+        ("        _check(data.model._official, self.get_state(STATE))\n", ""),
         ("            model.opt.disableflags = self._flags_before\n", ""),
     ],
     "mujoco/rendering/thread.py": [
@@ -1285,7 +1285,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            np.copyto(item, part)\n", "            np.copyto(item, part[..., :1])\n"),
         ("        if state.shape != shape:", "        if state.size != np.prod(shape):"),
         ("            self._reload_exactly(simulation.data)\n", "            pass\n"),
-        ("        mujoco.mj_copyData(data._data, data.model._model, before._data)\n", ""),
+        ("        mujoco.mj_copyData(data._data, data.model._official, before._data)\n", ""),
         (" and physics._simulation.num_envs is None", ""),
     ],
     "mujoco/wrapper/textures.py": [

@@ -14,6 +14,7 @@ NotImplementedError.
 """
 
 import abc
+import collections
 import importlib
 import importlib.util
 import pkgutil
@@ -256,15 +257,23 @@ class _StandInLoader(Loader):
 class _StandInModule(ModuleType):
     """A module with a stand-in class for every public name."""
 
-    def __getattr__(self, name: str) -> "_StandInClass":
+    def __getattr__(self, name: str) -> type:
         return _attribute(self.__name__, name)
+
+
+# Of these programs make constants as they are imported, such as the files of tasks of ExoRL.
+_PLAIN = {
+    "limberjack.manipulation.shared.workspaces.BoundingBox": collections.namedtuple(
+        "BoundingBox", ("lower", "upper")
+    )
+}
 
 
 # ABCMeta, so that `class Task(composer.Task, abc.ABC)` raises our error, not a metaclass conflict.
 class _StandInClass(abc.ABCMeta):
     """Metaclass of the stand-in classes; defines the operations that raise."""
 
-    def __getattr__(cls, name: str) -> "_StandInClass":
+    def __getattr__(cls, name: str) -> type:
         return _attribute(f"{cls.__module__}.{cls.__name__}", name)
 
     def __call__(cls, *args: object, **kwargs: object) -> NoReturn:
@@ -286,9 +295,11 @@ class _StandInClass(abc.ABCMeta):
         return True  # as for any class, although `__len__` is defined
 
 
-def _attribute(owner: str, name: str) -> _StandInClass:
+def _attribute(owner: str, name: str) -> type:
     """The stand-in class with the given name in a stand-in module or class."""
     path = f"{owner}.{name}"
+    if path in _PLAIN:
+        return _PLAIN[path]
     if name.startswith("_"):
         # Tools probe private attributes to find out what an object supports.
         raise AttributeError(f"{path}: {_not_built(owner)}")
@@ -298,19 +309,15 @@ def _attribute(owner: str, name: str) -> _StandInClass:
         names = {
             "__module__": owner,
             "__doc__": f"A stand-in: {_not_built(path)}",
-            "__init_subclass__": classmethod(_refuse_subclass),
         }
         _made.setdefault(path, _StandInClass(name, bases, names))
     return _made[path]
 
 
 def _refuse(cls: type) -> NoReturn:
-    raise NotImplementedError(_not_built(f"{cls.__module__}.{cls.__name__}"))
-
-
-def _refuse_subclass(cls: type, **kwargs: object) -> NoReturn:
-    """Replaces `__init_subclass__`; `cls` is the subclass being created."""
-    _refuse(next(base for base in cls.__mro__ if base in _made.values()))
+    """Raises the error of a stand-in class, or of that from which a program's class is derived."""
+    made = next(one for one in cls.__mro__ if one in _made.values())
+    raise NotImplementedError(_not_built(f"{made.__module__}.{made.__name__}"))
 
 
 def _not_built(name: str) -> str:

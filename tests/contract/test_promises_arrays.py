@@ -23,7 +23,7 @@ def arrays(value: Any) -> list[np.ndarray]:
 def live_arrays(env: Any) -> list[np.ndarray]:
     """All arrays that are views of the simulation's memory."""
     found = []
-    for struct in (env.physics.data._data, env.physics.model._model):
+    for struct in (env.physics.data._data, env.physics.model._official):
         fields = [getattr(struct, name, None) for name in dir(struct) if name[0] != "_"]
         found += [field for field in fields if isinstance(field, np.ndarray) and field.size]
     return found

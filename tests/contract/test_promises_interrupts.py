@@ -111,7 +111,7 @@ def go_under_way(env: Any) -> None:
 def replayed(env: Any) -> Any:
     """The bits of an episode that is the same in every intact environment, and its flags."""
     env.task._random = np.random.RandomState(9)
-    return [*play(env, 3), env.physics.model._model.opt.disableflags]
+    return [*play(env, 3), env.physics.model._official.opt.disableflags]
 
 
 @pytest.mark.parametrize(("task", "is_edited"), _CASES)

@@ -98,7 +98,7 @@ _ROADS = [
 
 def as_bytes(physics: Any) -> bytes:
     """The whole model."""
-    model = physics.model._model
+    model = physics.model._official
     buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     return buffer.tobytes()
@@ -146,9 +146,9 @@ def test_leaving_disable_restores_the_flags_exactly() -> None:
 @pytest.mark.parametrize("task", USUAL)
 def test_environments_of_a_task_share_one_model(task: Task) -> None:
     envs = [load(task) for _ in range(3)]
-    assert len({id(env.physics.model._model) for env in envs}) == 1
+    assert len({id(env.physics.model._official) for env in envs}) == 1
     assert all(env.action_spec() and env.observation_spec() for env in envs)
-    assert len({id(env.physics.model._model) for env in envs}) == 1
+    assert len({id(env.physics.model._official) for env in envs}) == 1
 
 
 @pytest.mark.parametrize("task", ["stand", "walk", "run", "run_pure_state"])
@@ -159,13 +159,13 @@ def test_playing_the_humanoid_leaves_its_model_shared(task: str) -> None:
     env.physics.set_state(env.physics.get_state())
     env.physics.forward()
     assert env.physics.model.name2id("torso", "body") == 1
-    assert env.physics.model._model is other.physics.model._model
+    assert env.physics.model._official is other.physics.model._official
 
 
 def test_an_unused_model_is_freed() -> None:
     physics = lj_mujoco.Physics.from_shared_xml("<mujoco model='only here'/>", {})
     twin = lj_mujoco.Physics.from_shared_xml("<mujoco model='only here'/>", {})
-    assert twin.model._model is physics.model._model
+    assert twin.model._official is physics.model._official
     kept = weakref.ref(physics.model._shared)
     physics.model.ptr.opt.timestep = _TIMESTEP  # the other one goes on sharing
     assert twin.timestep() != _TIMESTEP
@@ -225,5 +225,5 @@ def test_a_copy_may_share_the_model_on_request() -> None:
 
 def test_suites_factories_share_with_load() -> None:
     made = suite.humanoid.walk(random=0)
-    assert made.physics.model._model is load(("humanoid", "walk")).physics.model._model
+    assert made.physics.model._official is load(("humanoid", "walk")).physics.model._official
     assert bits(made.reset()) == bits(load(("humanoid", "walk")).reset())

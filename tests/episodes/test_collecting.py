@@ -268,7 +268,7 @@ def test_workers_write_and_join_and_the_process_that_plans_does_neither(
     expected, read = _gather(tmp_path / "one"), list[Path]()
     monkeypatch.setattr(Folder, "add", None)
     monkeypatch.setattr(Folder, "join", None)
-    monkeypatch.setattr("limberjack.episodes.folder.file_of", read.append)
+    monkeypatch.setattr("limberjack.episodes.folder.listed", read.append)
     assert _gather(tmp_path / "out", executor=threads) == expected
     # Another call has workers read the files that no manifest lists, and join what was left.
     (tmp_path / "out" / "dataset.json").unlink()

@@ -154,5 +154,5 @@ def test_the_environment_that_identifies_results_is_the_same_for_all_seeds() -> 
     models = []
     for seeds in (range(2), range(64, 66)):
         with contextlib.closing(checked_environment(factory, seeds, is_kept=True)) as environment:
-            models.append(fingerprint(inside(environment).physics.model._model))
+            models.append(fingerprint(inside(environment).physics.model._official))
     assert models[0] == models[1]

@@ -227,6 +227,18 @@ def test_a_file_with_another_name_than_its_seeds_is_refused(tmp_path: Path) -> N
         Folder(tmp_path, _RECIPE)
 
 
+def test_a_file_of_another_name_does_not_enter_the_manifest(tmp_path: Path) -> None:
+    put(tmp_path, "seeds-0000000060-0000000063.parquet", _content(60, 63))
+    with Folder(tmp_path, _RECIPE) as folder:
+        folder.finish()
+    before = (tmp_path / "dataset.json").read_bytes()
+    path = put(tmp_path, "seeds-0000000063-0000000066.parquet", _content(60, 63))
+    message = f"{path} has the episodes of seeds-0000000060-0000000063.*: give it its name back"
+    with pytest.raises(ValueError, match=message), Folder(tmp_path, _RECIPE) as folder:
+        folder.finish()
+    assert (tmp_path / "dataset.json").read_bytes() == before
+
+
 def test_a_process_that_died_between_parts_and_file_is_made_up_for(tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
         _plan(folder, range(60, 63))

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,7 +79,8 @@ def test_the_command_that_finishes_a_dataset_is_named(folder: Path) -> None:
     (folder / "dataset.json").unlink()
     call = {"began": "now", "command": "limberjack collect a b --shard 2/3 --out c"}
     (folder / "run.json").write_text(json.dumps({"calls": [call]}))
-    message = r"has no dataset.json yet: .* repeat `limberjack collect a b --out c`; load"
+    command = re.escape(f"`limberjack collect a b --out {folder}`")
+    message = rf"has no dataset.json yet: .* repeat {command}; load"
     with pytest.raises(ValueError, match=message):
         load(folder)
     dataset = load(folder, allow_gaps=True)
@@ -88,6 +90,32 @@ def test_the_command_that_finishes_a_dataset_is_named(folder: Path) -> None:
     (folder / "run.json").write_text(json.dumps({"calls": [call]}))
     with pytest.raises(ValueError, match="repeat the call that collected it"):
         load(folder)
+
+
+def test_the_command_names_the_folder_that_was_loaded(folder: Path) -> None:
+    (folder / "dataset.json").unlink()
+    log = json.loads((folder / "run.json").read_text())
+    for out in ("walk", "'my walk'", "'it'\"'\"'s'"):
+        log["calls"][-1]["command"] = f"limberjack collect pendulum swingup --out {out} --seeds 0:2"
+        (folder / "run.json").write_text(json.dumps(log))
+        command = f"`limberjack collect pendulum swingup --out {folder} --seeds 0:2`"
+        with pytest.raises(ValueError, match=re.escape(command)):
+            load(folder)
+
+
+@pytest.mark.parametrize(("name", "error"), [(None, TypeError), (3, TypeError), ("", ValueError)])
+def test_what_names_no_folder_is_refused(name: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match="expected a path or a URL"):
+        load(name)
+    with pytest.raises(error, match="expected a path or a URL"):
+        collect("pendulum", "swingup", seeds=range(1), out=name, time_limit=0.1)
+
+
+def test_the_number_of_an_episode_is_no_slice(folder: Path) -> None:
+    with pytest.raises(
+        TypeError, match=r"index is slice\(0, 2, None\); expected the number of one"
+    ):
+        load(folder)[0:2]  # pyright: ignore[reportArgumentType]
 
 
 def test_a_manifest_of_other_seeds_or_rows_than_the_files_is_refused(folder: Path) -> None:

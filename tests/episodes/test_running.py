@@ -66,7 +66,7 @@ def test_a_folder_has_the_result_and_the_steps(tmp_path: Path) -> None:
     assert shown[-1][:2] == ("random", 3)
     result, dataset = _result(tmp_path), data.load(tmp_path)
     environment = suite.load(*_TASK)
-    assert result["fingerprint"] == fingerprint(environment.physics.model._model)
+    assert result["fingerprint"] == fingerprint(environment.physics.model._official)
     assert (result["time_limit"], result["episodes_asked_for"]) == (_SECONDS, 3)
     for one, listed, kept in zip(run.episodes, result["episodes"], dataset, strict=True):
         assert (one.seed, one.total) == (listed["seed"], listed["return"])

@@ -72,7 +72,7 @@ def test_the_result_has_all_that_is_needed_to_run_it_again(tmp_path: Path) -> No
     assert (result["time_limit"], result["control_timestep"]) == (0.1, 0.01)
     assert result["success"] == {"last_steps": 100, "mean_reward_at_least": 0.9}
     assert result["versions"] == versions()
-    model = suite.load("manipulator", "bring_ball").physics.model._model
+    model = suite.load("manipulator", "bring_ball").physics.model._official
     assert result["fingerprint"] == fingerprint(model)
     assert [episode["seed"] for episode in result["episodes"]] == [5, 6, 7, 8]
     for episode in result["episodes"]:

@@ -26,7 +26,7 @@ def test_only_fields_of_warps_model_are_held_for_each_row() -> None:
 
 
 def test_sites_that_sensors_measure_within_share_their_sizes() -> None:
-    official = suite.load("finger", "turn_easy").physics.model._model
+    official = suite.load("finger", "turn_easy").physics.model._official
     shared = model_fields.shared_elements(official, "site_size")
     names = [official.site(i).name for i in np.flatnonzero(shared.any(axis=-1))]
     assert names == ["touchtop", "touchbottom"]
@@ -34,5 +34,5 @@ def test_sites_that_sensors_measure_within_share_their_sizes() -> None:
 
 
 def test_values_of_options_are_read_by_their_dotted_name() -> None:
-    official = suite.load("cartpole", "balance").physics.model._model
+    official = suite.load("cartpole", "balance").physics.model._official
     assert model_fields.values(official, "opt.timestep") == 0.01

@@ -308,7 +308,7 @@ def test_bad_resets_are_refused(cheetah: Any) -> None:
         ({"starts_per_step": -1}, ValueError, "starts_per_step is -1; expected a finite number"),
         ({"starts_per_step": float("inf")}, ValueError, "starts_per_step is inf; expected"),
         ({"starts_per_step": float("nan")}, ValueError, "starts_per_step is nan; expected"),
-        ({"num_thread": 2}, TypeError, "there is no argument 'num_thread'"),
+        ({"num_thread": 2}, TypeError, "got an unexpected keyword argument 'num_thread'"),
         ({"rows": 0}, ValueError, "num_envs is 0"),
         ({"rows": 10**9}, MemoryError, "num_envs is 1000000000, which takes"),
     ],

@@ -110,9 +110,9 @@ def test_keywords_are_known_if_any_of_the_callables_takes_them_by_name() -> None
     def second(*, dtype: str = "float64") -> None: ...
 
     arguments.refuse_unknown({"flat": 1, "dtype": 2}, first, second)
-    with pytest.raises(TypeError, match=r"no argument 'dtpye'\. Did you mean 'dtype'"):
+    with pytest.raises(TypeError, match=r"keyword argument 'dtpye'\. Did you mean 'dtype'"):
         arguments.refuse_unknown({"dtpye": 1}, first, second)
-    with pytest.raises(TypeError, match="no argument 'positional'"):
+    with pytest.raises(TypeError, match="keyword argument 'positional'"):
         arguments.refuse_unknown({"positional": 1}, first, second)
 
 
@@ -127,7 +127,7 @@ def test_a_function_that_suggests_names_works_as_before() -> None:
     assert add.__doc__ == "A sum."
     wrong: Any = add
     with pytest.raises(
-        TypeError, match=r"no argument 'secnod'\. Did you mean 'second'\? It takes: first, second"
+        TypeError, match=r"keyword argument 'secnod'\. Did you mean 'second'\? It takes: first, second"
     ):
         wrong(1, secnod=2)
     with pytest.raises(TypeError, match="missing 1 required positional argument"):

@@ -82,7 +82,7 @@ def test_halves_of_a_batch_have_the_same_length() -> None:
 
 
 def test_misspelt_arguments_are_refused_with_a_suggestion() -> None:
-    with pytest.raises(TypeError, match=r"no argument 'flatt'.*'flat'"):
+    with pytest.raises(TypeError, match=r"keyword argument 'flatt'.*'flat'"):
         made.make(*_TASK, flatt=True)
     with pytest.raises(TypeError, match=r"'flatt'"):
         made.make_vector(*_TASK, 2, flatt=True)

@@ -77,6 +77,12 @@ def _assert_lockstep(envs: Any, reference: Any, steps: int, mode: AutoresetMode)
 # Laws.
 
 
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_the_mode_is_an_attribute_as_in_gymnasiums_own(mode: AutoresetMode) -> None:
+    envs = gym.load_vector("cartpole", "balance", 1, autoreset_mode=mode.value)
+    assert envs.autoreset_mode is mode
+
+
 @pytest.mark.parametrize(("mode", "task"), in_turn(AutoresetMode))
 def test_rows_equal_single_environments(mode: AutoresetMode, task: Task) -> None:
     makers = [lambda: gym.load(*task, time_limit=0.1)] * 3
@@ -695,7 +701,9 @@ def test_make_vec_and_gymnasiums_own_vector_environments_agree() -> None:
 
 
 def test_a_misspelt_argument_is_answered_with_the_right_one() -> None:
-    with pytest.raises(TypeError, match=r"no argument 'time_limt'\. Did you mean 'time_limit'\?"):
+    # Programs such as TorchRL look for these words to leave out an argument that is not known.
+    words = r"got an unexpected keyword argument 'time_limt'\. Did you mean 'time_limit'\?"
+    with pytest.raises(TypeError, match=words):
         gym.load_vector("humanoid", "walk", 2, time_limt=1)
 
 

@@ -140,7 +140,7 @@ def snapshot(env: control.Environment) -> Any:
     state = physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
     data = physics.data
     computed = [data.xpos, data.cvel, data.qfrc_bias, data.sensordata, data.warning.number]
-    model = physics.model._model
+    model = physics.model._official
     settings = [model.body_pos, model.body_quat, model.mat_rgba, model.opt.disableflags]
     stream = env.task.random.get_state()
     return [bits(np.array(part)) for part in (state, *computed, *settings)] + [bits(stream)]

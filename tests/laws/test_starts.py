@@ -33,7 +33,7 @@ def test_starts_have_no_contacts_and_joints_within_their_limits(task: Task) -> N
     env = load(task)
     is_free = has_free_starts(env)
     is_simulated = calls_in_a_start(env, env.physics, "step")  # limits are soft there
-    model = env.physics.model._model
+    model = env.physics.model._official
     limited = np.flatnonzero(model.jnt_limited.ravel())
     low, high = model.jnt_range[limited].T
     for _ in range(_STARTS):

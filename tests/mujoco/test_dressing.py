@@ -86,7 +86,7 @@ def test_colours_are_those_of_a_model_with_these_materials(domain: str) -> None:
 def test_a_camera_is_moved_as_the_original_moves_the_data(domain: str) -> None:
     physics, look = _physics(domain), _look({"camera": 0.3, "rotate": 30})
     seen, original = _eyes(physics, look), _eyes(physics, None)
-    model, data = physics.model._model, physics.data._data
+    model, data = physics.model._official, physics.data._data
     is_fixed = domain not in ("walker", "cheetah")
     centre = np.zeros(3) if is_fixed else data.subtree_com[1]
     pose = Pose(data.cam_xpos[0].copy(), data.cam_xmat[0].reshape(3, 3).copy())
@@ -174,7 +174,7 @@ def _with_sky(physics: Physics, texture: np.ndarray, xml: str) -> Physics:
 )
 def test_a_dressed_model_is_drawn_as_the_scene_is_dressed(domain: str, appearance: Any) -> None:
     physics, look = _physics(domain), _look(appearance)
-    model, data = physics.model._model, physics.data._data
+    model, data = physics.model._official, physics.data._data
     other = mujoco.MjData(made := dressed(look, model, data))
     # The body that a camera follows has moved since.
     data.qpos[-1] += 0.3
@@ -205,7 +205,7 @@ def _eyes_of(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 def test_a_dressed_model_has_the_background_of_a_picture_on_its_sky() -> None:
     physics = _physics("walker")
     look = _look({"preset": "video_hard", "background": "noise"})
-    made = dressed(look, physics.model._model, physics.data._data)
+    made = dressed(look, physics.model._official, physics.data._data)
     floor = physics.model.name2id("grid", "material")
     assert (made.mat_rgba[floor, 3], physics.model.mat_rgba[floor, 3]) == (0.0, 1.0)
     background = look.background(0.0)
@@ -216,7 +216,7 @@ def test_a_dressed_model_has_the_background_of_a_picture_on_its_sky() -> None:
 def test_a_palette_repaints_floor_body_and_sky() -> None:
     physics, look = _physics("walker"), _look("color_hard")
     assert look.palette is not None
-    stage = staged(look, physics.model._model, physics.data._data)
+    stage = staged(look, physics.model._official, physics.data._data)
     assert stage is not None
     sky, floor = (dressing._pixels(stage, number) for number in (0, 1))
     gradient = sky[(sky < 255).any(axis=-1)]
@@ -234,7 +234,7 @@ def test_the_floor_before_a_background_is_that_of_the_published_suite() -> None:
         _look({"background": "noise"}),
         _look({"preset": "video_hard", "background": "noise"}),
     )
-    found = {domain: dressing._opacity(look, _physics(domain).model._model) for domain in _SIX}
+    found = {domain: dressing._opacity(look, _physics(domain).model._official) for domain in _SIX}
     assert found == {
         "reacher": 0.0,
         "cartpole": 0.3,
@@ -243,7 +243,7 @@ def test_the_floor_before_a_background_is_that_of_the_published_suite() -> None:
         "walker": 1.0,
         "cheetah": 1.0,
     }
-    model = _physics("walker").model._model
+    model = _physics("walker").model._official
     assert dressing._opacity(_look({"background": "noise", "floor": 0.5}), model) == 0.5
     assert dressing._opacity(picture, model) is None
     assert dressing._opacity(_look({"colors": 0.1}), model) is None
@@ -251,10 +251,10 @@ def test_the_floor_before_a_background_is_that_of_the_published_suite() -> None:
 
 def test_two_simulations_of_one_model_keep_their_own_textures() -> None:
     first, second = (suite.load("walker", "walk", {"random": 0}).physics for _ in range(2))
-    assert first.model._model is second.model._model
+    assert first.model._official is second.model._official
     looks = [_look({"background": "noise"}, seed) for seed in (0, 1)]
     stages = [
-        staged(look, one.model._model, one.data._data)
+        staged(look, one.model._official, one.data._data)
         for look, one in zip(looks, (first, second), strict=True)
     ]
     assert stages[0] is not None
@@ -278,13 +278,13 @@ def test_a_stage_follows_height_fields_and_is_made_again_for_other_sizes() -> No
     physics = _physics("quadruped")
     env = suite.load("quadruped", "escape", {"random": 0})
     env.reset()
-    model, data = env.physics.model._model, env.physics.data._data
+    model, data = env.physics.model._official, env.physics.data._data
     look = _look({"background": "noise"})
     stage = staged(look, model, data)
     assert stage is not None
     assert_array_equal(stage.hfield_data, model.hfield_data)
     env.reset()
-    model = env.physics.model._model
+    model = env.physics.model._official
     again = staged(look, model, data)
     assert again is not None
     assert_array_equal(again.hfield_data, model.hfield_data)

@@ -1,8 +1,10 @@
 """Tests of limberjack.mujoco.engine: a Physics, its state as one array, and its controls' spec."""
 
+import contextlib
 import logging
 import pickle
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -127,9 +129,9 @@ def test_models_of_one_source_are_shared_and_of_another_are_not() -> None:
     first, second = (Physics.from_shared_xml(_PENDULUM, {}) for _ in range(2))
     other = Physics.from_shared_xml(_PENDULUM, {"a.xml": b"<mujoco/>"})
     alone = Physics.from_xml_string(_PENDULUM)
-    assert first.model._model is second.model._model
-    assert first.model._model is not other.model._model
-    assert first.model._model is not alone.model._model
+    assert first.model._official is second.model._official
+    assert first.model._official is not other.model._official
+    assert first.model._official is not alone.model._official
 
 
 def test_reloading_takes_the_new_model_and_its_names(physics: Physics, tmp_path: Path) -> None:
@@ -249,6 +251,40 @@ def test_a_step_of_ones_own_is_not_taken_in_parts(physics: Physics) -> None:
     assert not Own.from_xml_string(_PENDULUM).can_step_in_parts
     physics.step = lambda nstep=1: None
     assert not physics.can_step_in_parts
+
+
+def test_parts_of_a_step_that_a_subclass_replaces_are_used(physics: Physics) -> None:
+    """As in dm_control, where programs replace both."""
+    calls: list[tuple[int, bool]] = []
+
+    class Pushing(Physics):
+        def _step_with_up_to_date_position_velocity(self, nstep: int = 1) -> None:
+            for _ in range(nstep):
+                self.data.qfrc_applied[0] = 1.0
+                calls.append((nstep, self.legacy_step))
+                super()._step_with_up_to_date_position_velocity()
+
+    class Careless(Physics):
+        @contextlib.contextmanager
+        def check_invalid_state(self) -> Iterator[None]:
+            yield
+
+    pushing = Pushing.from_xml_string(_PENDULUM)
+    pushing.step(3)
+    assert calls == [(3, True)] * 3
+    for _ in range(3):
+        physics.data.qfrc_applied[0] = 1.0
+        physics.step()
+    np.testing.assert_array_equal(pushing.get_state(_INTEGRATION), physics.get_state(_INTEGRATION))
+    pushing.data.qvel[0] = np.inf
+    with pytest.raises(control.PhysicsError):
+        pushing.step()
+    careless = Careless.from_xml_string(_PENDULUM)
+    careless.data.qvel[0] = np.inf
+    careless.step()
+    for one in (pushing, careless):
+        assert not one.can_step_in_parts
+    assert physics.can_step_in_parts
 
 
 def test_without_legacy_step_positions_are_those_before_the_last_sub_step(physics: Physics) -> None:

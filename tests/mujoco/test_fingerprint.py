@@ -11,12 +11,12 @@ from limberjack.mujoco.fingerprint import fingerprint, versions
 _PRINT_FINGERPRINT = """
 from limberjack import suite
 from limberjack.mujoco.fingerprint import fingerprint
-print(fingerprint(suite.load("manipulator", "insert_peg").physics.model._model))
+print(fingerprint(suite.load("manipulator", "insert_peg").physics.model._official))
 """
 
 
 def _fingerprint(domain: str, task: str) -> str:
-    return fingerprint(suite.load(domain, task).physics.model._model)
+    return fingerprint(suite.load(domain, task).physics.model._official)
 
 
 def test_versions_name_what_numbers_depend_on() -> None:
@@ -55,7 +55,7 @@ def test_each_model_has_its_own_fingerprint() -> None:
 )
 def test_a_fingerprint_notices_a_change_of(change: object) -> None:
     physics = suite.load("humanoid", "walk").physics
-    before = fingerprint(physics.model._model)
+    before = fingerprint(physics.model._official)
     assert callable(change)
     change(physics.model.ptr)
-    assert fingerprint(physics.model._model) != before
+    assert fingerprint(physics.model._official) != before

@@ -1,6 +1,7 @@
 """Tests of limberjack.mujoco.index and fields: arrays indexed by names."""
 
 import itertools
+import pickle
 from typing import Any
 
 import mujoco
@@ -378,6 +379,27 @@ def test_repr_shows_each_row_with_its_name(physics: Physics) -> None:
     assert labels == ["float"] * 7 + ["swivel"] * 4 + ["yaw", "rope"]
     batch = FieldIndexer("x", np.zeros((4, 2, 3)), named(physics, "xpos").axes, batch=True)
     assert repr(batch) == "FieldIndexer(x): a batch of shape (4, 2, 3)"
+    physics = Physics.from_xml_string(_KEYED)
+    head = repr(physics.named.model.key_qpos).splitlines()[1]
+    assert head.split() == ["root"] * 7 + ["hinge"]  # as many as there are numbers
+
+
+_KEYED = """
+<mujoco>
+  <worldbody>
+    <body><freejoint name="root"/><geom size="1"/>
+      <body><joint name="hinge"/><geom size="1"/></body>
+    </body>
+  </worldbody>
+  <keyframe><key name="k"/></keyframe>
+</mujoco>
+"""
+
+
+def test_a_named_field_is_not_copied_without_its_physics(physics: Physics) -> None:
+    for one in (physics.named.data.qpos, physics.named):
+        with pytest.raises(TypeError, match="belongs to its physics: copy or pickle that"):
+            pickle.dumps(one)
     empty = Physics.from_xml_string("<mujoco/>")
     assert "(empty)" in repr(empty.named.data.qpos)
 
@@ -530,7 +552,7 @@ def test_named_integers_of_a_model_are_read_as_ordinary_arrays_and_written_with_
             with pytest.raises(ValueError, match=r"geom_(bodyid|type).*"):
                 field["floor"] = 106
     physics.named.model.geom_type["torso"] = 5
-    assert physics.model._model.geom_type[1] == 5
+    assert physics.model._official.geom_type[1] == 5
 
 
 def test_a_view_of_named_integers_is_written_with_a_check() -> None:
@@ -542,10 +564,10 @@ def test_a_view_of_named_integers_is_written_with_a_check() -> None:
     named.cam_resolution["fixed"][0] = 2
     view = named.geom_condim[:]
     view[0] = 4
-    assert (model._model.geom_condim[0], *model._model.cam_resolution[0]) == (4, 2, 1)
+    assert (model._official.geom_condim[0], *model._official.cam_resolution[0]) == (4, 2, 1)
     for write in (lambda: view.fill(2), lambda: named.mat_texid["grid"].fill(99)):
         with pytest.raises(ValueError, match=r"cannot be (2|99).*nothing was changed"):
             write()
     copied = named.geom_condim[[0, 1]]
     copied[:] = 99
-    assert model._model.geom_condim[0] == 4
+    assert model._official.geom_condim[0] == 4

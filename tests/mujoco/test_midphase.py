@@ -122,7 +122,7 @@ def test_the_suites_other_worlds_do_without(domain: str, task: str) -> None:
 def test_light_touches_of_floor_and_walls_are_the_same(domain: str, task: str, prop: str) -> None:
     env = suite.load(domain, task, task_kwargs={"random": 0})
     env.reset()
-    model, random = copy.copy(env.physics.model._model), np.random.default_rng(0)
+    model, random = copy.copy(env.physics.model._official), np.random.default_rng(0)
     data, height = mujoco.MjData(model), model.joint(f"{prop}_z").qposadr
     geom, touches = model.body(prop).geomadr[0], 0
     for plane in ("floor", "wall1", "wall2"):

@@ -59,7 +59,7 @@ def test_models_are_used_only_where_the_batch_cannot_hold_a_field() -> None:
 
 
 def test_rows_are_read_and_written_as_in_an_array(rows: BatchSimulation) -> None:
-    expected = np.tile(rows.model._model.body_mass, (_NUM_ENVS, 1))
+    expected = np.tile(rows.model._official.body_mass, (_NUM_ENVS, 1))
     own = rows.own_fields["body_mass"]
     for index in (2, slice(1, 3), np.array([0, 3]), np.array([True, False, False, True]), ...):
         value = np.random.RandomState(0).uniform(1, 2, expected[index].shape)
@@ -178,7 +178,7 @@ def test_models_of_rows_have_no_textures_and_only_they_are_changed(
     models: Any = of_models._official.models
     assert len(models) == len({id(model) for model in models}) == _NUM_ENVS
     assert not any(model.ntexdata for model in models)
-    assert not of_models.model._model.hfield_data.any()
+    assert not of_models.model._official.hfield_data.any()
 
 
 def test_fields_of_rows_with_models_are_current_and_read_only(of_models: BatchSimulation) -> None:

@@ -97,7 +97,7 @@ def test_a_state_is_bad_where_mujoco_would_replace_it(
 ) -> None:
     physics = Physics.from_xml_string(_FREE)
     getattr(physics.data, part)[index] = value
-    official = physics.model._model
+    official = physics.model._official
     assert is_bad_state(official, _state(physics)) == is_bad
     kind = "mjWARN_BADQPOS" if part == "qpos" else "mjWARN_BADQVEL"
     mujoco.mj_checkPos(official, physics.data._data)
@@ -110,7 +110,7 @@ def test_time_controls_and_accelerations_do_not_make_a_state_bad() -> None:
     physics.data.time = np.inf
     physics.data.ctrl[:] = np.nan
     physics.data.qacc_warmstart[:] = np.nan
-    assert not is_bad_state(physics.model._model, _state(physics))
+    assert not is_bad_state(physics.model._official, _state(physics))
 
 
 def test_states_are_judged_row_by_row() -> None:
@@ -119,7 +119,7 @@ def test_states_are_judged_row_by_row() -> None:
     states[0, 2, 1] = np.nan
     states[1, 0, 1 + physics.model.nq] = np.inf
     expected = [[False, False, True], [True, False, False]]
-    assert is_bad_state(physics.model._model, states).tolist() == expected
+    assert is_bad_state(physics.model._official, states).tolist() == expected
 
 
 def test_fields_are_read_live_with_those_of_the_options() -> None:

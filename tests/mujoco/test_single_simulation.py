@@ -40,7 +40,7 @@ both_kinds = pytest.mark.parametrize("shared", [False, True], ids=["own", "share
 @pytest.mark.parametrize("option", ["", " integrator='RK4'", " integrator='implicit'"])
 def test_its_steps_are_mujocos(shared: bool, option: str) -> None:
     simulation, data = made(shared, option)
-    model = data.model._model
+    model = data.model._official
     theirs = mujoco.MjData(model)
     simulation.forward()
     for nstep in (1, 2, 7):
@@ -64,7 +64,7 @@ def test_a_forward_pass_without_actuation_has_none_and_leaves_it_enabled(shared:
     simulation.forward_without_actuation()
     assert data.actuator_force[0] == 0.0
     assert data.qacc[0] != 0.0  # gravity acts
-    assert data.model._model.opt.disableflags == 0
+    assert data.model._official.opt.disableflags == 0
     simulation.forward()
     assert data.actuator_force[0] == 2.0
 
@@ -75,7 +75,7 @@ def test_flags_disabled_by_the_user_stay_disabled(shared: bool) -> None:
     data.model.opt.disableflags = _GRAVITY
     simulation.forward_without_actuation()
     assert data.qacc[0] == 0.0
-    assert data.model._model.opt.disableflags == _GRAVITY
+    assert data.model._official.opt.disableflags == _GRAVITY
 
 
 def test_an_error_in_the_forward_pass_leaves_actuation_enabled(
@@ -84,14 +84,14 @@ def test_an_error_in_the_forward_pass_leaves_actuation_enabled(
     simulation, data = made(shared=False)
 
     def fail(*_: object) -> None:
-        assert data.model._model.opt.disableflags == _ACTUATION
+        assert data.model._official.opt.disableflags == _ACTUATION
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
         patched.setattr(mujoco, "mj_forward", fail)
         with pytest.raises(KeyboardInterrupt):
             simulation.forward_without_actuation()
-    assert data.model._model.opt.disableflags == 0
+    assert data.model._official.opt.disableflags == 0
     data.ctrl[:] = 2.0
     simulation.forward()
     assert data.actuator_force[0] == 2.0
@@ -145,13 +145,13 @@ def test_a_copy_of_a_state_that_mujoco_would_replace_is_refused() -> None:
 
 def test_a_shared_model_is_read_and_never_copied_by_running() -> None:
     simulation, data = made(shared=True)
-    model = data.model._model
+    model = data.model._official
     simulation.reset()
     simulation.forward_without_actuation()
     simulation.step(3)
     simulation.step_whole(1)
     simulation.forward()
-    assert data.model._model is model
+    assert data.model._official is model
     assert data.model._shared is not None
 
 

@@ -82,7 +82,7 @@ def test_the_tasks_with_one_model_are_known() -> None:
     sources: dict[str, tuple[str, str]] = {}
     with small_sky():
         for task in twins.TASKS:
-            model = ours("suite").load(*task, {"random": 0}).physics.model._model
+            model = ours("suite").load(*task, {"random": 0}).physics.model._official
             assert sources.setdefault(fingerprint(model), task) == twins.MODEL_OF[task]
 
 

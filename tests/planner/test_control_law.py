@@ -15,7 +15,7 @@ from .planned import PLANNED
 def test_targets_that_hold_the_joints_ask_for_nothing(domain: str, task: str) -> None:
     env = suite.load(domain, task, task_kwargs={"random": 0})
     env.reset()
-    law = ControlLaw(env.physics.model._model, Settings(gain=2.0))
+    law = ControlLaw(env.physics.model._official, Settings(gain=2.0))
     position = env.physics.position()
     # A start may lie beyond the limits of targets only for joints that turn freely.
     asked = law.controls(law.held(position), position, env.physics.velocity())
@@ -24,7 +24,7 @@ def test_targets_that_hold_the_joints_ask_for_nothing(domain: str, task: str) ->
 
 def test_a_joint_is_pushed_towards_its_target_and_braked() -> None:
     physics = suite.load("manipulator", "bring_ball").physics
-    law = ControlLaw(physics.model._model, Settings(gain=2.0, damping=0.5))
+    law = ControlLaw(physics.model._official, Settings(gain=2.0, damping=0.5))
     qpos, qvel = np.zeros(physics.model.nq), np.zeros(physics.model.nv)
     targets = np.array([0.1, 0.0, 0.0, 9.0, -0.3])
     np.testing.assert_allclose(law.controls(targets, qpos, qvel), [0.2, 0, 0, 1.0, -0.3])
@@ -34,7 +34,7 @@ def test_a_joint_is_pushed_towards_its_target_and_braked() -> None:
 
 def test_a_tendon_of_joints_follows_their_mean_on_request() -> None:
     physics = suite.load("manipulator", "bring_ball").physics
-    law = ControlLaw(physics.model._model, Settings(gain=2.0, tendons=True))
+    law = ControlLaw(physics.model._official, Settings(gain=2.0, tendons=True))
     qpos, qvel = np.zeros(physics.model.nq), np.zeros(physics.model.nv)
     names = [physics.model.id2name(joint, "joint") for joint in range(physics.model.njnt)]
     qpos[names.index("thumb")], qpos[names.index("finger")] = 0.3, 0.1

@@ -50,10 +50,10 @@ def _model(boxes: int) -> mujoco.MjModel:
 
 def test_the_settings_change_the_twin_alone() -> None:
     env = _env()
-    model = env.physics.model._model
+    model = env.physics.model._official
     before = model.opt.timestep, model.dof_armature.copy()
     twin = planning_model_of(env.physics, Settings(timestep=0.005, armature=0.01))
-    gained = twin.model._model.dof_armature - before[1]
+    gained = twin.model._official.dof_armature - before[1]
     names = [env.physics.model.id2name(joint, "joint") for joint in range(model.njnt)]
     arm = [n.startswith("arm_") or "finger" in n or "thumb" in n for n in names]
     # All joints of the arm are hinges, and boxes are not part of it. What is added to some armature
@@ -61,8 +61,8 @@ def test_the_settings_change_the_twin_alone() -> None:
     np.testing.assert_allclose(gained, 0.01 * np.array(arm), rtol=0, atol=1e-15)
     assert twin.model.opt.timestep == 0.005
     for physics in (env.physics, _env().physics):
-        assert physics.model._model.opt.timestep == before[0]
-        np.testing.assert_array_equal(physics.model._model.dof_armature, before[1])
+        assert physics.model._official.opt.timestep == before[0]
+        np.testing.assert_array_equal(physics.model._official.dof_armature, before[1])
 
 
 def test_what_lies_still_is_left_out_until_it_is_touched() -> None:

@@ -34,7 +34,7 @@ def _wave(observation: Any) -> np.ndarray:
 
 def test_the_first_plan_is_what_the_policy_would_do() -> None:
     env = _env()
-    law = ControlLaw(env.physics.model._model, _SETTINGS)
+    law = ControlLaw(env.physics.model._official, _SETTINGS)
     phases = np.arange(8.0)  # a knot at each control step
     plans = PolicyPlans(env, _wave, law, _SETTINGS).from_state(
         env.physics.copy(), phases, 3, np.random.default_rng(0)
@@ -117,7 +117,7 @@ def test_the_environment_and_the_stream_of_the_episode_stay_as_they_are() -> Non
 
 def test_a_policy_that_makes_the_simulation_diverge_has_no_plans() -> None:
     env = _env()
-    law = ControlLaw(env.physics.model._model, _SETTINGS)
+    law = ControlLaw(env.physics.model._official, _SETTINGS)
     physics = env.physics.copy()
     physics.data.qvel[:] = 1e12
     plans = PolicyPlans(env, _wave, law, _SETTINGS)

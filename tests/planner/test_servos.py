@@ -40,7 +40,7 @@ def _batch(
 
 
 def _law(task: tuple[str, str]) -> ControlLaw:
-    return ControlLaw(suite.load(*task).physics.model._model, _SETTINGS)
+    return ControlLaw(suite.load(*task).physics.model._official, _SETTINGS)
 
 
 def _plan(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

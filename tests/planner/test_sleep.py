@@ -51,5 +51,5 @@ def test_a_row_forgets_what_lay_still_before_and_where_a_target_was() -> None:
 
 def test_nothing_sleeps_in_the_suites_own_models() -> None:
     for domain, task in suite.ALL_TASKS:
-        model = suite.load(domain, task).physics.model._model
+        model = suite.load(domain, task).physics.model._official
         assert not model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP.value

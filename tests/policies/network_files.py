@@ -39,7 +39,7 @@ def card_of(domain: str, task: str, **changes: Any) -> mlp.Card:
         task=task,
         algorithm="CrossQ",
         versions=versions(),
-        fingerprint=fingerprint(environment.physics.model._model),
+        fingerprint=fingerprint(environment.physics.model._official),
         scores=mlp.Scores(500.5, (450.0, 550.0), (1000, 1100)),
     )
     return dataclasses.replace(card, **changes)

@@ -84,7 +84,7 @@ def test_a_model_is_that_of_a_file_with_the_change(domain: str, task: str, name:
     env.task.PERTURBATIONS[name].edit(root, value)
     expected = official.MjModel.from_xml_string(ElementTree.tostring(root), assets)
     own = getattr(env.task, "EPISODE_FIELDS", ())
-    found = env.physics.model._model
+    found = env.physics.model._official
     for field in dir(expected):
         values = getattr(expected, field)
         if isinstance(values, np.ndarray) and not field.startswith("_") and field not in own:
@@ -116,7 +116,7 @@ def test_the_pole_is_that_of_a_changed_file_in_every_step() -> None:
     physics = cartpole.Physics.from_xml_string(changed, assets)
     env = _perturbed("cartpole", "swingup", "pole_length", 2.0, seed=7)
     # The statistics of the nominal model, which scale the solver's tolerance.
-    physics.model.ptr.stat.meaninertia = env.physics.model._model.stat.meaninertia
+    physics.model.ptr.stat.meaninertia = env.physics.model._official.stat.meaninertia
     other = Environment(physics, cartpole.Balance(True, False, 7), time_limit=10)
     other.reset()
     for action in np.random.RandomState(0).uniform(-1, 1, (300, 1)):

@@ -7,7 +7,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -193,6 +193,24 @@ def test_the_mapping_of_domains_can_be_set_updated_and_deleted_from(swing: Modul
     assert {"swing", "pole"} < set(suite._DOMAINS)
     del suite._DOMAINS["pole"]
     assert "pole" not in suite._DOMAINS
+    assert suite._DOMAINS.copy() == dict(suite._DOMAINS) == suite._DOMAINS | {}
+
+
+def test_another_dict_may_be_put_for_the_mapping_of_domains(swing: ModuleType) -> None:
+    """As programs for dm_control do: `suite._DOMAINS = {**suite._DOMAINS, "mine": module}`."""
+    mapping, before = suite._DOMAINS, set(suite._DOMAINS)
+    like_a_module = SimpleNamespace(SUITE=swing.SUITE)
+    others: Any = {"swing": swing, "like": like_a_module}
+    suite._DOMAINS = suite._DOMAINS | others  # pyright: ignore[reportAttributeAccessIssue]
+    assert suite._DOMAINS is mapping
+    assert set(suite._DOMAINS) == before | {"swing", "like"}
+    for name in ("swing", "like"):
+        assert suite.load(name, _TASK[1]).reset().first()
+    left = {name: mapping[name] for name in before}
+    suite._DOMAINS = left  # pyright: ignore[reportAttributeAccessIssue]
+    assert set(suite._DOMAINS) == before
+    with pytest.raises(ValueError, match="Domain 'like' does not exist"):
+        suite.load("like", _TASK[1])
     with pytest.raises(TypeError, match="expected a module with a SUITE"):
         suite._DOMAINS["odd"] = importlib.import_module("colorsys")
 

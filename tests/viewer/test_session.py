@@ -150,7 +150,9 @@ def test_a_push_moves_the_body_and_changes_nothing_but_forces() -> None:
     repeated.physics.data.xfrc_applied[:] = forces
     repeated.step(np.zeros(21))
     np.testing.assert_array_equal(session.data.qpos, repeated.physics.data.qpos)
-    np.testing.assert_array_equal(session.model.body_mass, repeated.physics.model._model.body_mass)
+    np.testing.assert_array_equal(
+        session.model.body_mass, repeated.physics.model._official.body_mass
+    )
 
 
 def test_a_released_body_is_pushed_no_more_and_the_others_never_were() -> None:

@@ -53,7 +53,7 @@ def test_each_episode_of_an_appearance_gives_the_viewer_another_model() -> None:
     look = {"colors": 0.3, "camera": 0.3, "background": "noise"}
     environment = suite.load("walker", "walk", {"random": 0}, appearance=look)
     session = Session(environment, seed=0)
-    own, model = environment.physics.model._model, session.shown.copy_model()
+    own, model = environment.physics.model._official, session.shown.copy_model()
     before, version = own.mat_rgba.copy(), session.shown.version
     assert 0.1 < abs(model.mat_rgba - before)[:, :3].max() <= 0.3 + 1e-6
     first = {name: np.copy(getattr(model, name)) for name in _LOOKS}
@@ -71,7 +71,7 @@ def test_each_episode_of_an_appearance_gives_the_viewer_another_model() -> None:
 
 def test_a_fast_view_has_no_shadows_and_leaves_the_model_as_it_is() -> None:
     environment = suite.load("stacker", "stack_2", {"random": 0})
-    own = environment.physics.model._model
+    own = environment.physics.model._official
     session = Session(environment, quality="fast")
     model = session.shown.copy_model()
     assert own.light_castshadow.any()

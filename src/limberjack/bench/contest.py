@@ -119,7 +119,7 @@ class Contest:
         import mujoco.batch  # here, as `limberjack.mujoco` is to import it first
 
         like = self.environment.physics
-        model, threads = like.model.without_textures()._model, like.simulation.num_threads
+        model, threads = like.model.without_textures()._official, like.simulation.num_threads
         batch = mujoco.batch.Batch(model, self.num_envs, threads, persistent)
         batch.state[...] = self._start
         fields = row_fields.of(batch, model, self.num_envs, self._start_fields)

@@ -121,7 +121,7 @@ def collect(
         is_kept=True,
         world=world,
     )
-    directory = absolute(str(out))
+    directory = absolute(out)
     make = domain if callable(domain) else None
     with contextlib.closing(player):
         collect_with(
@@ -163,7 +163,7 @@ def collect_set(
       SetError: the folder of a task holds something else, or its episodes cannot be collected.
       Exception: any that `collect` raises. The datasets of tasks before are complete.
     """
-    pairs, wanted, place = tasks_of(tasks), checked_seeds(seeds), absolute(str(out))
+    pairs, wanted, place = tasks_of(tasks), checked_seeds(seeds), absolute(out)
     how = kwargs.get("time_limit"), kwargs.get("world")
     chosen = {pair: policies.policy_for(policy, *pair) for pair in pairs}
     for (domain, task), of_task in chosen.items():

@@ -35,6 +35,7 @@ from limberjack.episodes.manifest import (
     PARTS,
     File,
     Manifest,
+    check_name,
     damage_reported,
     file_name,
     named_seeds,
@@ -54,7 +55,7 @@ from limberjack.episodes.places import (
     size_of,
 )
 from limberjack.episodes.recipe import Recipe
-from limberjack.episodes.writing import ENDING, FILE, LIST, PART, Order, Writing, file_of, joining
+from limberjack.episodes.writing import ENDING, FILE, LIST, PART, Order, Writing, joining, listed
 from limberjack.see.report.result import EVALUATION
 from limberjack.utils.files import Hold, random_letters, read_regular
 
@@ -196,11 +197,7 @@ class Folder:
 
     def _opened(self, path: Place) -> Shard:
         shard = Shard(path)
-        if named_seeds(path.name) != shard.seeds:
-            raise ValueError(
-                f"{path} has the episodes of {file_name(shard.seeds)}: give it its name back, or "
-                "remove it"
-            )
+        check_name(path, shard.seeds)
         self._check_recipe(path, shard.recipe)
         return shard
 
@@ -398,7 +395,7 @@ class Folder:
         file = self._records.get(name)
         if file is not None and file.nbytes == size_of(self._episodes / name):
             return file
-        return file_of(self._episodes / name)
+        return listed(self._episodes / name)
 
     def _write(self, path: Place, text: str) -> bytes:
         """Writes a file that is no file of episodes, and returns its bytes."""

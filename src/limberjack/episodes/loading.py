@@ -10,6 +10,7 @@ Only the manifest and footers are read.
 import contextlib
 import itertools
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from limberjack.episodes.writing import ENDING
 __all__ = ["episodes_so_far", "load"]
 
 _LONGEST = 1000  # characters of a command that is repeated in a message
+_OUT = re.compile(r"( --out[= ])('(?:[^']|'\"'\"')*'|\S+)")  # as `shlex.quote` writes names
 
 
 def load(directory: Path | str, *, allow_gaps: bool = False) -> Dataset:
@@ -147,4 +149,6 @@ def _command(folder: Place) -> str:
     command = calls[-1].get("command") if calls else None
     if not isinstance(command, str) or not 0 < len(command) < _LONGEST:
         return "the call that collected it"
-    return f"`{re.sub(r' --shard[= ][^ ]+', '', command)}`"
+    command = re.sub(r" --shard[= ][^ ]+", "", command)
+    here = shlex.quote(str(folder))  # which may be a copy
+    return f"`{re.sub(_OUT, lambda out: f'{out[1]}{here}', command)}`"

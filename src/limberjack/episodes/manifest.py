@@ -31,6 +31,7 @@ __all__ = [
     "File",
     "Manifest",
     "check_manifest",
+    "check_name",
     "damage_reported",
     "file_name",
     "named_seeds",
@@ -55,6 +56,14 @@ class DamagedError(ValueError):
     """A file of a dataset is damaged; the message says what to do about it."""
 
     would_recur = True  # as of a `WorkError`
+
+
+def check_name(path: Place, seeds: range) -> None:
+    """Raises ValueError unless a file is called after the seeds of its episodes."""
+    if named_seeds(path.name) != seeds:
+        raise ValueError(
+            f"{path} has the episodes of {file_name(seeds)}: give it its name back, or remove it"
+        )
 
 
 @contextlib.contextmanager

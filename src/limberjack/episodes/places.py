@@ -57,10 +57,15 @@ def place_of(name: "Path | Remote | str") -> Place:
 
     Raises:
       ImportError: it is a URL, and fsspec or what its protocol needs is not installed.
-      ValueError: there is no such protocol, or a `file://` URL names another machine.
+      TypeError: it is no name.
+      ValueError: it is empty, there is no such protocol, or a `file://` URL names another machine.
     """
     if not isinstance(name, str):
+        if not hasattr(name, "exists"):
+            raise TypeError(f"{name!r} is no folder; expected a path or a URL")
         return name
+    if not name:  # such as a variable of the shell that is not set
+        raise ValueError("the name of the folder is empty; expected a path or a URL")
     if not _URL.match(name):
         return Path(name)
     if name.lower().startswith("file://"):

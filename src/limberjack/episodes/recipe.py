@@ -383,7 +383,7 @@ def other_versions(recipe: Recipe, environment: dm_env.Environment | None) -> st
     recorded, here = recipe.facts["versions"], versions()
     other = [f"{n} {recorded.get(n)}, here {v}" for n, v in here.items() if recorded.get(n) != v]
     if environment is not None:
-        model = inside(environment).physics.model._model
+        model = inside(environment).physics.model._official
         if fingerprint(model) != recipe.facts["fingerprint"]:
             other.append("a model with another fingerprint")
     return f" It was collected with {'; '.join(other)}." if other else ""

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.manifest import EPISODES, PARTS, File, file_name, sha256_of
+from limberjack.episodes.manifest import EPISODES, PARTS, File, check_name, file_name, sha256_of
 from limberjack.episodes.parquet import PYARROW, Shard, encode, join
 from limberjack.episodes.places import (
     Place,
@@ -48,6 +48,7 @@ __all__ = [
     "Writing",
     "file_of",
     "joining",
+    "listed",
     "work",
 ]
 
@@ -200,7 +201,7 @@ def work(writing: Writing, setup: Setup, seeds: range, order: Order) -> File | U
     if is_seen:
         with _read_only_ignored():
             if order == LIST:
-                return file_of(writing.folder / EPISODES / file_name(seeds))
+                return listed(writing.folder / EPISODES / file_name(seeds))
             return writing.join(seeds, [*order.named()])
     return Unseen(socket.gethostname())
 
@@ -223,6 +224,13 @@ def _content(recipe: Recipe, episodes: Iterable[Episode]) -> bytes:
             "the files are written: install the same version, so that the bytes are equal"
         )
     return encode(recipe, sorted(episodes, key=lambda episode: episode.seed))
+
+
+def listed(path: Place) -> File:
+    """The entry of a complete file; raises also a ValueError if it has another one's episodes."""
+    file = file_of(path)
+    check_name(path, file.seeds)
+    return file
 
 
 def file_of(path: Place) -> File:

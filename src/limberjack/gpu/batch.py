@@ -382,7 +382,7 @@ class DeviceBatch:
 
     def _check_shared(self, values: np.ndarray) -> None:
         """Raises ValueError if a start sets elements of a field that all rows must share."""
-        official = self.environment.physics.model._model
+        official = self.environment.physics.model._official
         for part in self.starts.parts:
             if part.kind != "model":
                 continue

@@ -335,7 +335,7 @@ def _snapshot_of(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
     """
     fields = batch.starts.of_rows(batch.read_rows().cpu().numpy()[rows])
     like = batch.starts.batch.snapshot([0])
-    official = batch.environment.physics.model._model
+    official = batch.environment.physics.model._official
     states = _states(official, fields, len(rows))
     readings = fields.get("sensordata", np.zeros((len(rows), official.nsensordata)))
     physics = without_calls({"state": states, "sensordata": readings})

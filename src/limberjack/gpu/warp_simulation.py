@@ -203,7 +203,7 @@ class WarpSimulation:
         """See `Fields`. Integers stay in NumPy: tasks use them as indices."""
         if name in self.own:
             return device_array(self.own[name]), True
-        official = self.model._model
+        official = self.model._official
         if is_structure(name):
             return fixed_field(official, name), False
         field = getattr(official, name)
@@ -245,7 +245,7 @@ def _arrays(struct: "mujoco_warp.Data") -> Iterator["warp.array"]:
 
 def _for_warp(model: MjModel) -> mujoco.MjModel:
     """A copy of the model for MuJoCo Warp."""
-    official = copy.copy(model.without_textures()._model)
+    official = copy.copy(model.without_textures()._official)
     # Without this flag MuJoCo Warp 4.0 loses contacts between boxes.
     official.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_NATIVECCD
     return official

@@ -46,7 +46,7 @@ def suggests_names(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @functools.wraps(function)
     def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        suggest.check_names("there is no argument", kwargs, known)
+        suggest.check_names("got an unexpected keyword argument", kwargs, known)
         return function(*args, **kwargs)
 
     return checked
@@ -168,7 +168,7 @@ def refuse_unknown(kwargs: Mapping[str, object], *callables: Callable[..., objec
         for name, parameter in inspect.signature(one).parameters.items()
         if parameter.kind is parameter.KEYWORD_ONLY
     ]
-    suggest.check_names("there is no argument", kwargs, known)
+    suggest.check_names("got an unexpected keyword argument", kwargs, known)
 
 
 def picture_arguments(

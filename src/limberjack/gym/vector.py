@@ -233,6 +233,11 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             limit = self.batches[0].step_limit / self.batches[0].action_repeat
             self._spec.max_episode_steps = math.ceil(limit) if math.isfinite(limit) else None
 
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        """The mode that it was made with, as Gymnasium's own vector environments have it."""
+        return self.metadata["autoreset_mode"]
+
     def _set_spaces(self, flat: bool, dtype: npt.DTypeLike) -> None:
         batch: Batch = self.batches[0]
         of_one = specs_of_one_row(batch.observation_spec())

@@ -106,7 +106,7 @@ class BatchSimulation(CountsWarnings):
         # Called in a forked child, where arrays returned earlier are no longer live.
         self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None
         # MuJoCo copies the model for each batch: 12 MB with textures.
-        self._light: mujoco.MjModel = model.without_textures()._model
+        self._light: mujoco.MjModel = model.without_textures()._official
         # Whether MuJoCo keeps more per row than its state; `reset` clears that.
         self.remembers = self._light.nplugin > 0 or bool(
             self._light.opt.enableflags & _SLEEP_OR_IPC
@@ -183,7 +183,7 @@ class BatchSimulation(CountsWarnings):
     def model_field(self, name: str) -> Field:
         """See `Fields`."""
         own = self.own_fields
-        model = self._model._model
+        model = self._model._official
         if name in own:
             rows = self._fields.shown(name)
             is_open = is_structure(name) and rows.flags.writeable
@@ -309,7 +309,7 @@ class BatchSimulation(CountsWarnings):
     def get_state(self, signature: int) -> np.ndarray:
         """See `Simulation`."""
         pass_exit_guard()
-        model, state = self._model._model, self.state
+        model, state = self._model._official, self.state
         parts = np.empty((len(state), mujoco.mj_stateSize(model, signature)))
         for whole, part in zip(state, parts, strict=True):
             mujoco.mj_extractState(model, whole, STATE, part, signature)
@@ -318,17 +318,17 @@ class BatchSimulation(CountsWarnings):
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
         pass_exit_guard()
-        data = data_of(self._model._model)
+        data = data_of(self._model._official)
         for row, part in zip(self.state, state, strict=True):
-            mujoco.mj_setState(self._model._model, data, row, STATE)
-            mujoco.mj_setState(self._model._model, data, part, signature)
-            mujoco.mj_getState(self._model._model, data, row, STATE)
+            mujoco.mj_setState(self._model._official, data, row, STATE)
+            mujoco.mj_setState(self._model._official, data, part, signature)
+            mujoco.mj_getState(self._model._official, data, row, STATE)
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
         own = self.own_fields
         index = slice(None) if row is None else row
-        _check_rows(self._model._model, values, len(self._state) if row is None else 1)
+        _check_rows(self._model._official, values, len(self._state) if row is None else 1)
         for name, value in values.items():
             own[name][index] = value
         self.set_constants(None if row is None else np.array([row]))
@@ -366,7 +366,7 @@ class BatchSimulation(CountsWarnings):
         check_callbacks()
         own = self.own_fields
         rows = np.arange(len(self._state)) if rows is None else rows
-        _check_rows(self._model._model, model_fields(saved), len(rows))
+        _check_rows(self._model._official, model_fields(saved), len(rows))
         for name, value in model_fields(saved).items():
             own[name][rows] = value
         self.set_constants(rows)

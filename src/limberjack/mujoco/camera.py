@@ -190,7 +190,7 @@ class Camera:
 
     def matrices(self) -> CameraMatrices:
         """The factors of the camera matrix."""
-        model, data = self._physics.model._model, self._physics.data._data
+        model, data = self._physics.model._official, self._physics.data._data
         number = self._render_camera.fixedcamid
         if number == FREE_CAMERA:
             # Only the scene knows the pose, for a left and a right eye; the camera is in between.
@@ -269,7 +269,7 @@ class Camera:
         Args:
           cursor_position: x and y from 0 to 1, measured from the lower left corner.
         """
-        model, data = self._physics.model._model, self._physics.data._data
+        model, data = self._physics.model._official, self._physics.data._data
         position = np.empty(3)
         geom, flex, skin = (np.full(1, -1, np.intc) for _ in range(3))
         with self._lock:
@@ -374,7 +374,7 @@ def _one_of(what: str, name: str, values: Mapping[str, _T]) -> _T:
 
 def checked_size(physics: Drawable, height: int, width: int) -> tuple[int, int]:
     """Height and width as ints; ValueError unless they fit the model's off-screen buffer."""
-    limits = physics.model._model.vis.global_
+    limits = physics.model._official.vis.global_
     sizes = []
     for name, value, limit in (("height", height, "offheight"), ("width", width, "offwidth")):
         most = getattr(limits, limit)
@@ -397,7 +397,7 @@ def checked_size(physics: Drawable, height: int, width: int) -> tuple[int, int]:
 
 def view_of(physics: Drawable, camera_id: int | str) -> MjvCamera:
     """The view of a camera, given by name or number, or of the free camera."""
-    model = physics.model._model
+    model = physics.model._official
     if isinstance(camera_id, str):
         number: int = physics.model.name2id(camera_id, "camera")
     else:
@@ -488,7 +488,7 @@ def _as_new(
     thread: int = 0,
 ) -> Drawing:
     """The picture of a new camera, whose scene may be one that was used before."""
-    model = physics.model._model
+    model = physics.model._official
     spares = _spare_scenes.setdefault(model, [])
     # A callback may keep the scene or change it permanently, and flexes and skins hidden by an
     # option would stay in it.
@@ -549,7 +549,7 @@ def _drawing(
     thread: int = 0,
 ) -> Drawing:
     """A picture of a scene, which is updated first; a callback runs in the caller's thread."""
-    model, look = physics.model._model, look_of(physics)
+    model, look = physics.model._official, look_of(physics)
     stage, flags = None, style.flags
     if callback or look:
         assert contents is not None
@@ -580,7 +580,7 @@ def _drawing(
 
 def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> Contents:
     """Arguments of `mjv_updateScene` for the physics' current state."""
-    return physics.model._model, physics.data._data, option, None, view, _EVERYTHING
+    return physics.model._official, physics.data._data, option, None, view, _EVERYTHING
 
 
 def _renewed(scene: MjvScene) -> MjvScene:

@@ -76,9 +76,17 @@ class Physics(_control.Physics):
 
     # A class attribute, because programs override `__init__` without calling it.
     _warnings_cause_exception = True
+    # Whether a subclass replaces a part of `step`, as programs for dm_control do.
+    replaces_parts_of_step = False
     # Any: a `wrapper.MjData`, or a `RowsData` with the same fields.
     _data: Any
     _simulation: Simulation
+
+    def __init_subclass__(cls, **kwargs: object) -> None:
+        super().__init_subclass__(**kwargs)
+        parts = ("check_invalid_state", "_step_with_up_to_date_position_velocity")
+        own = (getattr(cls, name) is not getattr(Physics, name) for name in parts)
+        cls.replaces_parts_of_step = any(own)
 
     def __init__(self, data: wrapper.MjData) -> None:
         """Wraps a `wrapper.MjData`; see also the `from_...` constructors."""
@@ -242,7 +250,7 @@ class Physics(_control.Physics):
 
     def _shows_this(self, value: object) -> bool:
         """Whether a value is, holds or views this simulation's state, model or arrays."""
-        whole = (self._data, self._data.model, self._data._data, self._data.model._model)
+        whole = (self._data, self._data.model, self._data._data, self._data.model._official)
         return any(
             is_live(part) or any(part is one for one in whole) for _, part in reachable(value)
         )
@@ -268,7 +276,7 @@ class Physics(_control.Physics):
         Raises:
           ValueError: there is no such field, or it is part of the model's structure.
         """
-        return fields.nominal(self._data.model._model, names)
+        return fields.nominal(self._data.model._official, names)
 
     def recompute_constants_of(self, names: Sequence[str]) -> None:
         """Makes starts that set these fields recompute the constants derived from them, if any."""
@@ -307,6 +315,13 @@ class Physics(_control.Physics):
             simulation = self._only_single("step()", "call step(actions) of its BatchEnvironment")
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
+        if self.replaces_parts_of_step:
+            with self.check_invalid_state():
+                if self.legacy_step:
+                    self._step_with_up_to_date_position_velocity(nstep)
+                else:
+                    advance(*simulation.begin_step_whole(nstep))
+            return
         earlier = simulation.set_warnings_aside()
         if self.legacy_step:
             advance(*simulation.begin_step(nstep))
@@ -315,10 +330,20 @@ class Physics(_control.Physics):
         if earlier is not None or simulation.has_warned():
             self._raise_if_warned(earlier)
 
+    def _step_with_up_to_date_position_velocity(self, nstep: int = 1) -> None:
+        """Steps with quantities of the present state, and computes those of the next one.
+
+        Subclasses for dm_control replace it; it checks nothing.
+        """
+        simulation = self._simulation
+        assert isinstance(simulation, SingleSimulation)  # as `step` has checked
+        advance(*simulation.begin_step(nstep))
+
     @property
     def can_step_in_parts(self) -> bool:
         """Whether `step_in_parts` equals `step`: no subclass or user has replaced that."""
-        if type(self).step is not Physics.step or "step" in vars(self):
+        is_replaced = type(self).step is not Physics.step or "step" in vars(self)
+        if is_replaced or self.replaces_parts_of_step:
             return False
         return type(self._simulation) is SingleSimulation
 
@@ -443,7 +468,7 @@ class Physics(_control.Physics):
         state = np.asarray(physics_state, float)
         items = self._physics_state_items()
         sizes = [item.shape[-1] for item in items]
-        size = sum(sizes) if sig is None else mujoco.mj_stateSize(self.model._model, sig)
+        size = sum(sizes) if sig is None else mujoco.mj_stateSize(self.model._official, sig)
         shape = (*items[0].shape[:-1], size)
         if state.shape != shape:
             raise ValueError(f"Input physics state has shape {state.shape}. Expected {shape}.")
@@ -457,7 +482,7 @@ class Physics(_control.Physics):
     def _physics_state_items(self) -> list[np.ndarray]:
         data = self._data._data
         items = [data.qpos, data.qvel, data.act]
-        return [*items, data.plugin_state] if self.model._model.nplugin else items
+        return [*items, data.plugin_state] if self.model._official.nplugin else items
 
     def copy(self, share_model: bool = False) -> Self:
         """A simulation in the same state, except for the solver's warm start, as in dm_control.
@@ -491,7 +516,7 @@ class Physics(_control.Physics):
         """Calls a subclass's `_reload_from_data`, as in dm_control, and keeps every quantity."""
         before = copy.copy(data)
         self._reload_from_data(data)
-        mujoco.mj_copyData(data._data, data.model._model, before._data)
+        mujoco.mj_copyData(data._data, data.model._official, before._data)
 
     def _kept_settings(self) -> dict[str, object]:
         """The attributes that copies keep: settings, and what a subclass adds."""
@@ -521,7 +546,7 @@ class Physics(_control.Physics):
 
     def timestep(self) -> float:
         """Length of one time step, seconds."""
-        return self.model._model.opt.timestep
+        return self.model._official.opt.timestep
 
     def time(self) -> float:
         """Simulated time since the last reset, seconds."""
@@ -592,7 +617,7 @@ class Physics(_control.Physics):
 
 def action_spec(physics: Physics) -> specs.BoundedArray:
     """Spec of the controls, (nu,); an unlimited control is bounded by MuJoCo's maximum value."""
-    model = physics.model._model
+    model = physics.model._official
     limited = model.actuator_ctrllimited.ravel().astype(bool)[:, None]
     bounds = np.where(limited, model.actuator_ctrlrange, [-mujoco.mjMAXVAL, mujoco.mjMAXVAL])
     return specs.BoundedArray(

@@ -232,6 +232,9 @@ class FieldIndexer:
     def __getattr__(self, name: str) -> Any:  # Any: attributes of the array
         return getattr(self._field, name)
 
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a named field belongs to its physics: copy or pickle that, or its array")
+
     def __array__(
         self, dtype: type | np.dtype | None = None, copy: bool | None = None
     ) -> np.ndarray:
@@ -247,11 +250,11 @@ class FieldIndexer:
         title = f"FieldIndexer({self._name}):"
         if self._batch:
             return f"{title} a batch of shape {self._field.shape}"
-        columns = getattr(self._axes.col, "names", None)
         lines = [title]
-        if columns:
+        if getattr(self._axes.col, "names", None):
+            columns = _labels(self._axes.col, self._field.shape[1])
             lines.append(" " * 30 + "".join(f"{column:<11}" for column in columns))
-        labels = _row_labels(self._axes.row, len(self._field))
+        labels = _labels(self._axes.row, len(self._field))
         for i, (label, row) in enumerate(zip(labels, self._field, strict=True)):
             values = np.array2string(
                 np.atleast_1d(row),
@@ -408,11 +411,10 @@ def _frozen_list(key: list[object]) -> Hashable:
     return None if None in parts else (list, *parts)
 
 
-def _row_labels(axis: Axis, rows: int) -> list[str]:
-    """A label for each row: the name of the object that it belongs to."""
-    labels = [""] * rows
+def _labels(axis: Axis, count: int) -> list[str]:
+    """A label for each row or column: the name of the object that it belongs to."""
+    labels = [""] * count
     for name in filter(None, getattr(axis, "names", ())):
-        index = axis.convert_key_item([name])
-        for row in index:
-            labels[row] = name
+        for place in axis.convert_key_item([name]):
+            labels[place] = name
     return labels

@@ -66,7 +66,7 @@ def identity(model: MjModel, varying: Sequence[str] = ()) -> dict[str, object]:
       model: the model.
       varying: model fields set per episode, which are saved with each state instead.
     """
-    official, shared = model._model, model._shared
+    official, shared = model._official, model._shared
     sizes = [official.nq, official.nv, official.na, official.nu, official.nbody, official.ngeom]
     kept = {} if shared is None else shared.checksums
     if tuple(varying) not in kept:

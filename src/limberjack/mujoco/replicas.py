@@ -117,7 +117,7 @@ class Replicas(Generic[_P]):
         with contextlib.suppress(PhysicsError):
             one.reset()
         yield one
-        model = one.model._model
+        model = one.model._official
         for name, values in simulation.own_fields.items():
             values[row] = read_field(model, name)
         mujoco.mj_getState(model, one.data._data, simulation.state[row], STATE)

@@ -46,7 +46,7 @@ class RowsData:
     @functools.cached_property
     def _one(self) -> mujoco.MjData:
         """Scratch data for MuJoCo's functions of single simulations."""
-        return data_of(self.model._model)
+        return data_of(self.model._official)
 
     def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name == "_fields":  # not yet set, as while copying: avoids infinite recursion
@@ -75,7 +75,7 @@ class RowsData:
         The arguments and errors are those of `MjData.object_velocity`.
         """
         kind, number = moving_object(self.model, object_id, object_type)
-        model: mujoco.MjModel = self.model._model
+        model: mujoco.MjModel = self.model._official
         position, frame, owner = _POSES[kind]
         body = number if owner is None else getattr(model, owner)[number]
         reads = {"cvel": body, "subtree_com": model.body_rootid[body]}
@@ -108,11 +108,11 @@ class RowsModel(MjModel):
 
     def __init__(self, fields: Fields) -> None:
         object.__setattr__(self, "_fields", fields)
-        object.__setattr__(self, "_model", fields.model._model)
+        object.__setattr__(self, "_official", fields.model._official)
         object.__setattr__(self, "_shared", fields.model._shared)
 
     def __getattr__(self, name: str) -> Any:  # fields of the official struct
-        if name in ("_fields", "_model", "_shared"):  # not yet initialised
+        if name in ("_fields", "_official", "_shared"):  # not yet initialised
             raise AttributeError(name)
         field = self._fields.model_field(name)[0]
         if hasattr(field, "shape") or isinstance(field, int | float | str | bytes):
@@ -142,7 +142,7 @@ class RowsModel(MjModel):
     @property
     def ptr(self) -> mujoco.MjModel:
         """A copy of the official model shared by the rows; changes to it affect no row."""
-        return copy_of(self._model)
+        return copy_of(self._official)
 
     def disable(self, *flags: str | int) -> NoReturn:
         """Raises TypeError: the rows share their model's options."""
@@ -153,7 +153,7 @@ class RowsModel(MjModel):
         )
 
     def __reduce__(self) -> tuple[type[MjModel], tuple[mujoco.MjModel]]:
-        return MjModel, (self._model,)
+        return MjModel, (self._official,)
 
     def __copy__(self) -> MjModel:
         return self._fields.model.copy()

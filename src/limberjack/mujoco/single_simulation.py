@@ -62,7 +62,7 @@ class SingleSimulation(CountsWarnings):
         self._opt = mujoco.MjOption()
         # The last call, its count, and the state before it.
         self._call, self._count = Call.LOAD, 1
-        self._before = np.empty(mujoco.mj_stateSize(self._wrapper._model, STATE))
+        self._before = np.empty(mujoco.mj_stateSize(self._wrapper._official, STATE))
 
     @property
     def model(self) -> MjModel:
@@ -84,7 +84,7 @@ class SingleSimulation(CountsWarnings):
           nstep: a result of `checked_steps`.
         """
         pass_exit_guard()
-        model, data = self._wrapper._model, self._data
+        model, data = self._wrapper._official, self._data
         if self._flags_before is not None:
             model = self._model()
         self._call, self._count = _STEP, nstep
@@ -167,7 +167,7 @@ class SingleSimulation(CountsWarnings):
           PhysicsError: MuJoCo would reject this state; nothing was changed.
         """
         state = saved["state"][0]
-        _check(self._wrapper._model, state)
+        _check(self._wrapper._official, state)
         fields = {name: value[0] for name, value in model_fields(saved).items()}
         if fields:
             self.set_fields(fields)
@@ -220,7 +220,7 @@ class SingleSimulation(CountsWarnings):
         self.__init__(data)
         self.sets_constants, self._before = sets_constants, before
         self._call, self._count = call, count
-        _check(data.model._model, self.get_state(STATE))
+        _check(data.model._official, self.get_state(STATE))
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
@@ -247,11 +247,11 @@ class SingleSimulation(CountsWarnings):
 
     def _remember(self, call: Call, count: int = 1) -> None:
         self._call, self._count = call, count
-        mujoco.mj_getState(self._wrapper._model, self._data, self._before, STATE)
+        mujoco.mj_getState(self._wrapper._official, self._data, self._before, STATE)
 
     def _model(self) -> mujoco.MjModel:
         """The official model, with flags restored if an interrupt left actuation disabled."""
-        model = self._wrapper._model
+        model = self._wrapper._official
         if self._flags_before is not None:
             model.opt.disableflags = self._flags_before
             self._flags_before = None

@@ -162,7 +162,7 @@ def _of_task(policy: str, card: mlp.Card, domain: str, task: str) -> mlp.Card:
             task=task,
             # That of a dictionary is in the model's own order.
             layout=layout_of(environment) if is_flat else card.layout,
-            fingerprint=fingerprint(environment.physics.model._model),
+            fingerprint=fingerprint(environment.physics.model._official),
         )
 
 

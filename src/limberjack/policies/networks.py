@@ -303,7 +303,7 @@ def _differences(card: mlp.Card, environment: dm_env.Environment) -> list[str]:
 
 def _is_model_of(card: mlp.Card, environment: Environment) -> bool:
     """Whether an environment has the model that the policy was trained on."""
-    if fingerprint(environment.physics.model._model) == card.fingerprint:
+    if fingerprint(environment.physics.model._official) == card.fingerprint:
         return True
     known = registry.domains().get(card.domain)
     if known is None or card.task not in [row.task for row in known.rows]:
@@ -320,14 +320,14 @@ def _of_new(domain: str, task: str) -> tuple[str, str]:
     inner = control_of(environment)
     assert isinstance(inner, Environment)
     try:
-        return fingerprint(inner.physics.model._model), _cleared(inner)
+        return fingerprint(inner.physics.model._official), _cleared(inner)
     finally:
         environment.close()
 
 
 def _cleared(environment: Environment) -> str:
     """The fingerprint of the model without what starts set and what only pictures depend on."""
-    model = copy.copy(environment.physics.model._model)
+    model = copy.copy(environment.physics.model._official)
     for name in environment._saved_fields():
         owner, field = (model.opt, name[4:]) if name.startswith("opt.") else (model, name)
         setattr(owner, field, np.zeros_like(getattr(owner, field)))

@@ -64,6 +64,8 @@ def import_name_of(module: ModuleType) -> str | None:
 
     The main program, code in a notebook and modules that exist only in memory cannot be imported.
     """
+    if not isinstance(module, ModuleType):  # an object with a SUITE, in its place
+        return None
     name = module.__name__
     if name == "__main__" or sys.modules.get(name) is not module:
         return None

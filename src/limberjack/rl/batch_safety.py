@@ -101,6 +101,11 @@ def check_apart(task: Task, physics: SimulatedPhysics, env: object) -> None:
     Raises:
       NotVectorised: one does: a batch would read that one in the place of the rows'.
     """
+    if physics.replaces_parts_of_step:
+        raise NotVectorised(
+            f"physics {type(physics).__name__} replaces a part of `step`, such as "
+            "check_invalid_state, which the rows of a batch do not call"
+        )
     own = [env, physics, physics.data, physics.model, *vars(physics).values()]
     targets = {id(one) for one in own if not isinstance(one, ATOMS) and type(one) is not tuple}
     for name, value in attributes_of(physics).items():
@@ -218,8 +223,8 @@ class _Trial:
         self._unused = fingerprint(self._stream)
         self._global = fingerprint(np.random)
         self._second_start: Mapping[str, np.ndarray] = {}  # of the row that begins again
-        whole = model_values.checksums(self._rows.single.model._model)
-        model = self._rows.single.model._model
+        whole = model_values.checksums(self._rows.single.model._official)
+        model = self._rows.single.model._official
         candidates = whole.keys() - set(saved_fields)
         self._large = {n for n in candidates if getattr(model, n, np.empty(0)).nbytes > _LARGE}
         self._large_before = {name: whole[name] for name in self._large}
@@ -476,13 +481,13 @@ class _Trial:
 
     def check_large_fields(self) -> None:
         """Raises ValueError if a large model field was set, such as the pixels of textures."""
-        small = model_values.checksums(self._rows.single.model._model).items()
+        small = model_values.checksums(self._rows.single.model._official).items()
         after = {name: value for name, value in small if name in self._large}
         self._refuse(model_values.changed_fields(self._large_before, after), "in an episode")
 
     def _values(self, one: SimulatedPhysics) -> dict[str, int]:
         """Checksums of the model's fields, except for large ones and per-row ones."""
-        return model_values.checksums(one.model._model, {*self._large, *self._fields})
+        return model_values.checksums(one.model._official, {*self._large, *self._fields})
 
     def _check_model(self, one: SimulatedPhysics, before: dict[str, int], when: str) -> None:
         self._refuse(model_values.changed_fields(before, self._values(one)), when)

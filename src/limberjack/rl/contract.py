@@ -132,6 +132,7 @@ class SimulatedPhysics(Drawn, Protocol):
     """
 
     legacy_step: bool
+    replaces_parts_of_step: bool
 
     @property
     def simulation(self) -> Simulation:

@@ -180,7 +180,7 @@ def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = Fal
     # Copies of these would not belong to the copied physics.
     parts = [getattr(physics, "model", None), getattr(physics, "data", None)]
     # Not `ptr`, which would give a shared model's wrapper a copy of its own.
-    official = [getattr(parts[0], "_model", None), getattr(parts[1], "_data", None)]
+    official = [getattr(parts[0], "_official", None), getattr(parts[1], "_data", None)]
     views = {id(one) for one in (parts[0], *official) if one is not None}
     for path, value in reachable(env):
         if id(value) in views and not is_vectorised:

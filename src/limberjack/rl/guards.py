@@ -68,8 +68,8 @@ class OneUser:
         """
         if self._here is _process:
             raise RuntimeError(
-                f"this {self._name} is used from two threads at once: give each thread a "
-                f"{self._name} of its own"
+                f"this {self._name} is used from two threads at once: give each thread one of its "
+                "own"
             )
         self._empty()
         self.enter(thread)

@@ -76,7 +76,7 @@ class LateChanges:
           is_idle: whether the task is known to change nothing late, so that nothing is compared.
         """
         self._replicas, self._task, self._fields = replicas, task, tuple(fields)
-        model = replicas.single.model._model
+        model = replicas.single.model._official
         sizes = {n: mujoco.mj_stateSize(model, bit.value) for n, bit in _PARTS.items()}
         self._slices = {
             name: slice(first, first + size)

@@ -136,7 +136,7 @@ class Trial:
             observed = [np.empty(spec.shape, spec.dtype) for spec in seen]
             guards.check_memory(num_envs, observed)
             return
-        official = simulation.model._model
+        official = simulation.model._official
         shared = simulation.model._shared is not None
         more = 0 if shared else official.nbuffer
         guards.check_memory(num_envs, simulation.save(None, ()).values(), more)

@@ -60,7 +60,7 @@ def threads_for(num_threads: int | None, num_envs: int, environment: control.Env
 
 def _microseconds_per_step(environment: control.Environment) -> float:
     """The time of a step of the same model from its default pose."""
-    model = environment.physics.model._model
+    model = environment.physics.model._official
     data, taken = mujoco.MjData(model), []
     for _ in range(_TIMINGS):
         start = time.perf_counter()

@@ -13,6 +13,7 @@ the current list, including tasks added to a domain's `SUITE` later.
 import dataclasses
 import importlib
 import inspect
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import Any, Literal, overload
@@ -33,6 +34,7 @@ from limberjack.rl.streams import set_forgotten_fields
 from limberjack.suite import many
 from limberjack.suite._registration import (
     Domains,
+    SuiteModule,
     find,
     find_installed,
     register,
@@ -72,6 +74,7 @@ _NO_VISUALIZATION = "no_reward_visualization"  # dm_control's tag
 _OF_TASKS = ("physics", "task", "time_limit")  # arguments of an environment that tasks give it
 
 _DOMAINS = Domains()
+sys.modules[__name__].__class__ = SuiteModule
 
 
 def _get_tasks(tag: str | None) -> _Tasks:

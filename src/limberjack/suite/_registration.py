@@ -28,6 +28,7 @@ from limberjack.suite import base
 __all__ = [
     "Domains",
     "Registration",
+    "SuiteModule",
     "find",
     "find_installed",
     "register",
@@ -206,6 +207,13 @@ class Domains(MutableMapping[str, ModuleType]):
     def __delitem__(self, name: str) -> None:
         registry.remove(name)
 
+    def copy(self) -> dict[str, ModuleType]:
+        """The domains as a dict, all imported."""
+        return dict(self)
+
+    def __or__(self, others: Mapping[str, ModuleType]) -> dict[str, ModuleType]:
+        return self.copy() | dict(others)
+
     def __contains__(self, name: object) -> bool:
         return name in registry.domains()
 
@@ -217,6 +225,22 @@ class Domains(MutableMapping[str, ModuleType]):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({list(self)})"
+
+
+class SuiteModule(ModuleType):
+    """`limberjack.suite`, in which programs for dm_control put another dict for `_DOMAINS`."""
+
+    _DOMAINS: Domains
+
+    def __setattr__(self, name: str, value: Any) -> None:  # of any program
+        if name != "_DOMAINS" or isinstance(value, Domains):
+            super().__setattr__(name, value)
+            return
+        for domain in [one for one in self._DOMAINS if one not in value]:
+            del self._DOMAINS[domain]
+        for domain, module in value.items():
+            if domain not in self._DOMAINS or self._DOMAINS[domain] is not module:
+                self._DOMAINS[domain] = module
 
 
 def _by_name(module: ModuleType) -> ModuleType | str:

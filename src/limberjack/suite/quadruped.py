@@ -175,7 +175,7 @@ class Physics(mujoco.Physics):
 
     @functools.cached_property
     def _hinge_names(self) -> list[str]:
-        hinges = np.flatnonzero(self.model._model.jnt_type == enums.mjtJoint.mjJNT_HINGE)
+        hinges = np.flatnonzero(self.model._official.jnt_type == enums.mjtJoint.mjJNT_HINGE)
         return [self.model.id2name(hinge, "joint") for hinge in hinges.tolist()]
 
     @functools.cached_property
@@ -186,7 +186,7 @@ class Physics(mujoco.Physics):
         """Names of the sensors of these types, in the model's order."""
         known = self._sensor_types_to_names
         if sensor_types not in known:
-            ids = np.flatnonzero(np.isin(self.model._model.sensor_type, sensor_types)).tolist()
+            ids = np.flatnonzero(np.isin(self.model._official.sensor_type, sensor_types)).tolist()
             known[sensor_types] = [self.model.id2name(index, "sensor") for index in ids]
         return known[sensor_types]
 
@@ -275,7 +275,7 @@ def _find_non_contacting_height(
 ) -> None:
     """Resets to the lowest pose without contacts, in steps of a centimetre from the ground."""
     pose, qpos = np.array([x_pos, y_pos, 0.0, *orientation]), physics.named.data.qpos
-    model, data = physics.model._model, physics.data._data
+    model, data = physics.model._official, physics.data._data
     physics.simulation.reset()
     for _ in range(_MAX_RISES):
         # A test of contacts takes a tenth of the time of a reset; the last one stays.

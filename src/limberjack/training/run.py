@@ -218,7 +218,7 @@ def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, ob
     return {
         "format": _FORMAT,
         **factory.facts,
-        "fingerprint": fingerprint(inside(environment).physics.model._model),
+        "fingerprint": fingerprint(inside(environment).physics.model._official),
         "algorithm": "CrossQ",
         "seed": seed,
         "world": shown_by(inside(environment), "world"),

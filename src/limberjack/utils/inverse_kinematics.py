@@ -165,7 +165,7 @@ class _Search:
         target_quat: ArrayLike | None,
         rot_weight: float,
     ) -> None:
-        self._model: mujoco.MjModel = physics.model._model  # only read
+        self._model: mujoco.MjModel = physics.model._official  # only read
         self._data: mujoco.MjData = physics.data.ptr
         self._site = site
         self._target_pos, self._target_quat = target_pos, target_quat

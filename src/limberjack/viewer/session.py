@@ -364,7 +364,7 @@ class Session:
     @property
     def model(self) -> mujoco.MjModel:
         """The simulation's `mujoco.MjModel`, read-only: other environments may share it."""
-        return self._environment.physics.model._model
+        return self._environment.physics.model._official
 
     @property
     def data(self) -> mujoco.MjData:

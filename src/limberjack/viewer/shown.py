@@ -155,7 +155,7 @@ class Shown:
 
     @property
     def _model(self) -> mujoco.MjModel:
-        return self._environment.physics.model._model
+        return self._environment.physics.model._official
 
     @property
     def _data(self) -> mujoco.MjData:

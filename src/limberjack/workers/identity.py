@@ -69,7 +69,7 @@ def identity_of(
         "action_repeat": inner._ours.action_repeat if action_repeat is None else action_repeat,
         "world": Environment.world.of(inner),
         "versions": versions(),
-        "fingerprint": fingerprint(inner.physics.model._model),
+        "fingerprint": fingerprint(inner.physics.model._official),
     }
     return cast(Facts, facts)
 

@@ -32,7 +32,7 @@ def _physics(colour: str = ".1 .2 .3", shadow: int = 128) -> Physics:
 
 def _context(physics: Physics) -> int:
     """Identifies the MuJoCo context that draws a physics, by buffer and context object."""
-    return call(physics.model._model, id)
+    return call(physics.model._official, id)
 
 
 def test_models_with_equal_resources_share_a_canvas() -> None:
@@ -72,7 +72,7 @@ def test_models_that_share_a_canvas_are_compared_once(monkeypatch: pytest.Monkey
     ]
     for physics in (*both, *both):
         physics.render(48, 48)
-    assert compared == [physics.model._model for physics in both]
+    assert compared == [physics.model._official for physics in both]
 
 
 @pytest.mark.parametrize("is_private", [False, True])
@@ -103,9 +103,9 @@ def test_more_models_than_are_kept_can_be_drawn_in_turn() -> None:
 def test_changes_to_a_private_context_affect_no_other() -> None:
     mine, others = _physics(), _physics()
     assert _context(mine) == _context(others)
-    shared = mine.model._model
+    shared = mine.model._official
     assert mine.contexts.mujoco.ptr.offWidth == 64
-    assert mine.model._model is shared
+    assert mine.model._official is shared
     assert _context(mine) != _context(others)
 
 

@@ -121,18 +121,18 @@ def test_an_error_on_the_rendering_thread_is_raised_in_the_caller() -> None:
         raise LookupError("from the other thread")
 
     with pytest.raises(LookupError, match="from the other thread"):
-        call(_turned(0).model._model, fail)
+        call(_turned(0).model._official, fail)
 
 
 def test_calls_on_the_rendering_thread_can_be_nested() -> None:
     first, second = _turned(0.1), _turned(0.9)
     expected = second.render(64, 64)
-    inner = call(first.model._model, lambda _: second.render(64, 64))
+    inner = call(first.model._official, lambda _: second.render(64, 64))
     np.testing.assert_array_equal(inner, expected)
 
 
 def test_nothing_of_a_call_is_kept() -> None:
-    model, array = _turned(0).model._model, np.ones(3)
+    model, array = _turned(0).model._official, np.ones(3)
     gone = weakref.ref(array)
     assert call(model, lambda _, a: a.sum(), array) == 3
     del array
@@ -165,7 +165,7 @@ def test_every_rendering_thread_draws_the_same() -> None:
 
 
 def test_rendering_threads_do_not_wait_for_one_another() -> None:
-    model, both = _turned(0).model._model, threading.Barrier(2)
+    model, both = _turned(0).model._official, threading.Barrier(2)
     call(model, lambda _: None)  # opens OpenGL
     several = [prepare(model, lambda _: both.wait(30), thread=number) for number in (0, 1)]
     for pending in several:
@@ -174,7 +174,7 @@ def test_rendering_threads_do_not_wait_for_one_another() -> None:
 
 
 def test_a_call_that_was_cancelled_is_not_made() -> None:
-    model, calls = _turned(0).model._model, []
+    model, calls = _turned(0).model._official, []
     pending = prepare(model, lambda _: calls.append(1))
     pending.settle()
     pending.start()
@@ -182,7 +182,7 @@ def test_a_call_that_was_cancelled_is_not_made() -> None:
 
 
 def test_the_result_of_a_call_starts_it_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    model, calls, queued = _turned(0).model._model, [], []
+    model, calls, queued = _turned(0).model._official, [], []
     pending = prepare(model, lambda _: calls.append(1))
     queue = pending._thread.do
 
@@ -199,7 +199,7 @@ def test_the_result_of_a_call_starts_it_once(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_an_interrupted_wait_cancels_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
     physics, calls = _turned(0), []
-    pending = prepare(physics.model._model, lambda _: calls.append(1))
+    pending = prepare(physics.model._official, lambda _: calls.append(1))
 
     def interrupted(*_: Any) -> bool:
         raise KeyboardInterrupt
@@ -209,20 +209,20 @@ def test_an_interrupted_wait_cancels_the_call(monkeypatch: pytest.MonkeyPatch) -
         pending.result()
     monkeypatch.undo()
     pending.start()
-    assert call(physics.model._model, lambda _: list(calls)) == []
+    assert call(physics.model._official, lambda _: list(calls)) == []
 
 
 def test_a_drawing_that_is_closed_leaves_no_call_behind() -> None:
     physics, frame = _turned(0.4), _turned(0.4).render(64, 64)
     gate = threading.Event()
-    blocked = prepare(physics.model._model, lambda _: gate.wait(30))
+    blocked = prepare(physics.model._official, lambda _: gate.wait(30))
     blocked.start()
     drawing, pending = _prepared(physics, 0)
     pending.start()
     drawing.close()
     gate.set()
     assert blocked.result()
-    call(physics.model._model, lambda _: None)  # after what was queued
+    call(physics.model._official, lambda _: None)  # after what was queued
     assert pending._job._claim.locked()
     assert not pending._job._is_done
     np.testing.assert_array_equal(physics.render(64, 64), frame)

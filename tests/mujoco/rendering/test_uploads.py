@@ -158,9 +158,9 @@ def test_simulations_that_change_share_a_context() -> None:
     for number, physics in enumerate(several):
         physics.render(**_SIZE)
         physics.model.hfield_data[:] = 1 / (number + 2)
-    contexts = {call(physics.model._model, id) for physics in several}
+    contexts = {call(physics.model._official, id) for physics in several}
     assert len(contexts) == 1
-    assert call(_physics().model._model, id) not in contexts
+    assert call(_physics().model._official, id) not in contexts
 
 
 def test_changes_are_seen_in_private_contexts() -> None:
@@ -183,7 +183,7 @@ def test_a_nested_picture_leaves_the_textures_of_the_outer_one() -> None:
         second.render(**_SIZE)
         return first.render(**_SIZE)
 
-    np.testing.assert_array_equal(call(first.model._model, drawn_after_the_other), expected)
+    np.testing.assert_array_equal(call(first.model._official, drawn_after_the_other), expected)
 
 
 def test_only_the_objects_that_differ_are_uploaded(monkeypatch: pytest.MonkeyPatch) -> None:

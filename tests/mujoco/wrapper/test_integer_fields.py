@@ -184,7 +184,7 @@ def test_every_way_of_writing_is_checked(way: str) -> None:
     model = suite.load("cartpole", "swingup").physics.model
     write = _EVERY_WAY[way]
     write(model, 3)
-    assert model._model.cam_mode[0] == 3
+    assert model._official.cam_mode[0] == 3
     before = model.to_bytes()
     with pytest.raises(
         ValueError, match=r"cam_mode\[\d\] cannot be 9: expected .* 0 to 4; nothing"
@@ -296,7 +296,7 @@ def test_a_shared_model_is_copied_before_a_checked_field_can_be_written() -> Non
     first, second = (suite.load("walker", "walk").physics.model for _ in range(2))
     field = first.cam_mode
     field[0] = 0
-    assert first.cam_mode[0] == first._model.cam_mode[0] == field[0] == 0
+    assert first.cam_mode[0] == first._official.cam_mode[0] == field[0] == 0
     assert second.cam_mode[0] == 2
 
 
@@ -325,10 +325,10 @@ from tests.mujoco.wrapper.test_integer_fields import crowded
 
 physics = Physics.from_xml_string(crowded())
 model, random = physics.model, np.random.RandomState({seed})
-names = [n for n in dir(model._model) if not n.startswith("_")]
-fields = [n for n in names if isinstance(getattr(model._model, n), np.ndarray)]
-fields = [n for n in fields if getattr(model._model, n).dtype.kind in "iub"]
-fields = [n for n in fields if getattr(model._model, n).size]
+names = [n for n in dir(model._official) if not n.startswith("_")]
+fields = [n for n in names if isinstance(getattr(model._official, n), np.ndarray)]
+fields = [n for n in fields if getattr(model._official, n).dtype.kind in "iub"]
+fields = [n for n in fields if getattr(model._official, n).size]
 values = [-2, -1, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 16, 30, 32, 100, 106, 1000, 2**31 - 1, -(2**31)]
 count = 0
 for _ in range({writes}):

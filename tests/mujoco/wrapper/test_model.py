@@ -167,7 +167,7 @@ def _saved(path: Path, model: wrapper.MjModel | None = None) -> str:
 
 def test_a_model_that_was_loaded_again_is_the_one_that_is_written(tmp_path: Path) -> None:
     first, other, again = _load("one"), _load("two"), _load("one")
-    assert again._model is first._model
+    assert again._official is first._official
     for _ in range(2):
         assert 'model="one"' in _saved(tmp_path)
         assert 'model="one"' in _saved(tmp_path, again)

@@ -40,7 +40,7 @@ def test_reading_numbers_and_names_leaves_a_model_shared() -> None:
     assert "body_pos" in dir(model)
     assert not hasattr(model, "nothing")
     assert model.to_bytes() == twin.to_bytes()
-    assert model._model is twin._model
+    assert model._official is twin._official
 
 
 @pytest.mark.parametrize(
@@ -59,13 +59,13 @@ def test_reading_numbers_and_names_leaves_a_model_shared() -> None:
 )
 def test_the_first_touch_that_could_change_a_model_copies_it_once(touch: Any) -> None:
     model, twin = shared_pair()
-    shared = twin._model
+    shared = twin._official
     touch(model)
-    own = model._model
+    own = model._official
     assert own is not shared
-    assert twin._model is shared
+    assert twin._official is shared
     touch(model)
-    assert model._model is own
+    assert model._official is own
     assert model.ptr is own
 
 
@@ -73,7 +73,7 @@ def test_a_copy_of_a_shared_model_is_shared_and_of_a_private_one_is_not() -> Non
     for make in (copy.copy, copy.deepcopy, wrapper.MjModel.copy):
         model, _ = shared_pair()
         other = make(model)
-        assert other._model is model._model
+        assert other._official is model._official
         other.opt.timestep = 0.5
         assert model.opt.timestep == 0.002
         third = make(model)
@@ -85,7 +85,7 @@ def test_reading_the_structure_leaves_a_model_shared_and_cannot_change_it() -> N
     model, twin = shared_pair()
     for name in ("body_parentid", "geom_bodyid", "jnt_type", "body_dofadr", "tex_type"):
         field = getattr(model, name)
-        np.testing.assert_array_equal(field, getattr(twin._model, name))
+        np.testing.assert_array_equal(field, getattr(twin._official, name))
         with pytest.raises(ValueError, match=f"{name} is part of the model's structure"):
             setattr(model, name, 99)
         if field.size:
@@ -93,7 +93,7 @@ def test_reading_the_structure_leaves_a_model_shared_and_cannot_change_it() -> N
                 field[0] = 99
             with pytest.raises(ValueError, match="read-only"):
                 field += 1
-    assert model._model is twin._model
+    assert model._official is twin._official
     np.testing.assert_array_equal(model.body_parentid, [0, 0, 0])
 
 
@@ -102,7 +102,7 @@ def test_masks_groups_and_colours_can_be_written() -> None:
     for name in ("geom_contype", "geom_conaffinity", "geom_priority", "geom_group", "geom_rgba"):
         getattr(model, name)[0] = 0
         setattr(model, name, getattr(model, name) * 0)
-        assert not getattr(model._model, name).any()
+        assert not getattr(model._official, name).any()
 
 
 def test_a_passive_model_differs_in_actuation_only() -> None:
@@ -118,8 +118,8 @@ def test_a_passive_model_differs_in_actuation_only() -> None:
 def test_models_without_textures_are_shared_too_and_copied_before_they_can_be_changed() -> None:
     model = suite.load("humanoid", "stand").physics.model
     first, second = model.without_textures(), model.without_textures()
-    assert first._model is second._model is not model._model
-    assert first._model.ntexdata == 0
+    assert first._official is second._official is not model._official
+    assert first._official.ntexdata == 0
     first.body_pos[:] = 7.0
     assert not np.any(second.body_pos == 7.0)
     assert not np.any(model.body_pos == 7.0)
@@ -211,3 +211,16 @@ def test_a_model_counts_as_lent_once_user_code_can_change_what_is_drawn() -> Non
         model = suite.load("manipulator", "bring_ball").physics.model
         touch(model)
         assert model._is_lent
+
+
+def test_the_model_by_dm_controls_private_name_belongs_to_its_physics_alone() -> None:
+    """Programs for dm_control write `physics.model._model` where they need the official struct."""
+    first, other = (suite.load("walker", "walk", {"random": 0}).physics for _ in range(2))
+    model: Any = first.model._model
+    model.opt.gravity[2] = -1.62
+    assert first.model.opt.gravity[2] == -1.62
+    assert other.model.opt.gravity[2] == -9.81
+    assert suite.load("walker", "walk").physics.model.opt.gravity[2] == -9.81
+    first.model.body_mass[1] = 7.0
+    assert model.body_mass[1] == 7.0
+    assert model is first.model.ptr

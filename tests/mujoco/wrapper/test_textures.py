@@ -20,7 +20,7 @@ _CUT |= {"signature"}
 
 
 def _model(task: tuple[str, str]) -> mujoco.MjModel:
-    return suite.load(*task, {"random": 0}).physics.model._model
+    return suite.load(*task, {"random": 0}).physics.model._official
 
 
 def _values(model: mujoco.MjModel) -> dict[str, object]:

@@ -254,7 +254,7 @@ def test_objects_are_named_and_those_without_a_name_are_numbered() -> None:
 
 @pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
 def test_every_number_of_a_field_has_a_label(domain: str, task: str) -> None:
-    model = suite.load(domain, task).physics.model._model
+    model = suite.load(domain, task).physics.model._official
     data = official.MjData(model)
     for name, labels in fields_of(model).items():
         assert len(labels) == np.size(getattr(data, name)), name

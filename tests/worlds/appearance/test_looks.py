@@ -99,7 +99,7 @@ def test_the_models_stay_shared_and_unchanged() -> None:
     one.reset()
     if os.environ.get("MUJOCO_GL") != "disable":
         one.physics.render(8, 8, 0)
-    assert one.physics.model._model is other.physics.model._model
+    assert one.physics.model._official is other.physics.model._official
     assert one.physics.identity() == other.physics.identity()
 
 

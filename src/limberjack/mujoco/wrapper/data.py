@@ -44,7 +44,7 @@ def moving_object(model: MjModel, object_id: int | str, object_type: int | str) 
     if isinstance(object_id, str):
         object_id = model.name2id(object_id, kind)
     number = operator.index(object_id)
-    count = getattr(model._model, _COUNT_OF_MOVING[kind])
+    count = getattr(model._official, _COUNT_OF_MOVING[kind])
     if not 0 <= number < count:  # MuJoCo would read out of bounds
         raise ValueError(
             f"object_id is {number}; expected a name, or a number from 0: the model has "
@@ -98,7 +98,7 @@ class MjData:
         return sorted(set(object.__dir__(self)) | set(dir(self._data)))
 
     def __getstate__(self) -> mujoco.MjData:
-        model = self._model._model
+        model = self._model._official
         if model is self._data.model:
             return self._data
         pass_exit_guard()
@@ -121,7 +121,7 @@ class MjData:
         new = object.__new__(type(self))
         model = self._model if share_model else self._model.copy()
         object.__setattr__(new, "_model", model)
-        object.__setattr__(new, "_data", data_of(model._model, self._data))
+        object.__setattr__(new, "_data", data_of(model._official, self._data))
         return new
 
     def copy(self) -> "MjData":
@@ -148,7 +148,7 @@ class MjData:
         kind, number = moving_object(self._model, object_id, object_type)
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(
-            self._model._model, self._data, kind, number, velocity, local_frame
+            self._model._official, self._data, kind, number, velocity, local_frame
         )
         return velocity.reshape(2, 3)[::-1]
 
@@ -164,7 +164,7 @@ class MjData:
                 f"{contact_id}."
             )
         pass_exit_guard()
-        model, data = self._model._model, self._data
+        model, data = self._model._official, self._data
         # The parts of a step's second half on which contact forces depend.
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)

@@ -64,16 +64,16 @@ class MjModel(CopyOnWrite):
     """
 
     def __getattr__(self, name: str) -> Any:  # fields of the official struct
-        if name in ("_model", "_shared"):  # not yet initialised, as while copying
+        if name in ("_official", "_shared"):  # not yet initialised, as while copying
             raise AttributeError(name)
         if is_checked(name):
             return checked_field(self.ptr if name.startswith(_UPLOADED) else self.own(), name)
         if is_structure(name):
-            return fixed_field(self._model, name)
+            return fixed_field(self._official, name)
         if not name.startswith(_UPLOADED):
             return self._field(name)
         field = getattr(self.ptr, name)
-        if name == "tex_data" and self._model.ntex and not field.size:
+        if name == "tex_data" and self._official.ntex and not field.size:
             raise ValueError(NO_TEXTURES)
         return field
 
@@ -86,23 +86,23 @@ class MjModel(CopyOnWrite):
         setattr(self.ptr, name, value)
 
     def __dir__(self) -> list[str]:
-        return sorted(set(object.__dir__(self)) | set(dir(self._model)))
+        return sorted(set(object.__dir__(self)) | set(dir(self._official)))
 
     def __getstate__(self) -> mujoco.MjModel:
-        return self._model
+        return self._official
 
     def __setstate__(self, state: mujoco.MjModel) -> None:
         self.__init__(state)
 
     def __copy__(self) -> "MjModel":
-        return type(self)(self._shared or copy_of(self._model), self._mjcf)
+        return type(self)(self._shared or copy_of(self._official), self._mjcf)
 
     def without_textures(self) -> "MjModel":
         """An equivalent model for simulation that takes a hundredth of the memory."""
         if self._shared is not None:
             return MjModel(SharedModel(self._shared.light))
-        light = without_textures(self._model)
-        return MjModel(copy_of(light) if light is self._model else light)
+        light = without_textures(self._official)
+        return MjModel(copy_of(light) if light is self._official else light)
 
     def copy(self) -> "MjModel":
         """A copy; changes to it do not affect this model."""
@@ -157,19 +157,19 @@ class MjModel(CopyOnWrite):
     def save_binary(self, binary_path: str) -> None:
         """Writes the model to a file in MuJoCo's binary format (MJB)."""
         pass_exit_guard()
-        mujoco.mj_saveModel(self._model, str(binary_path), None)
+        mujoco.mj_saveModel(self._official, str(binary_path), None)
 
     def to_bytes(self) -> bytes:
         """The model in MuJoCo's binary format (MJB)."""
         pass_exit_guard()
-        buffer = np.zeros(mujoco.mj_sizeModel(self._model), np.uint8)
-        mujoco.mj_saveModel(self._model, None, buffer)
+        buffer = np.zeros(mujoco.mj_sizeModel(self._official), np.uint8)
+        mujoco.mj_saveModel(self._official, None, buffer)
         return buffer.tobytes()
 
     def free(self) -> None:
         """Drops the official model; this object must not be used afterwards."""
         object.__setattr__(self, "_shared", None)
-        object.__setattr__(self, "_model", None)
+        object.__setattr__(self, "_official", None)
 
     def name2id(self, name: str, object_type: str | int) -> int:
         """Number of the object called `name`.
@@ -185,7 +185,7 @@ class MjModel(CopyOnWrite):
         if not isinstance(name, str | bytes):
             raise TypeError(f"name is {name!r}; expected the name of an object as a string")
         kind = object_type_number(object_type)
-        index = mujoco.mj_name2id(self._model, kind, name)
+        index = mujoco.mj_name2id(self._official, kind, name)
         if index == -1:
             names = self._names(kind)
             word = mujoco.mju_type2Str(kind)
@@ -201,12 +201,12 @@ class MjModel(CopyOnWrite):
         Raises:
           Error: there is no such type.
         """
-        return mujoco.mj_id2name(self._model, object_type_number(object_type), object_id) or ""
+        return mujoco.mj_id2name(self._official, object_type_number(object_type), object_id) or ""
 
     def _names(self, kind: int) -> list[str]:
         """Names of the named objects of a type, in order."""
         names: list[str] = []
-        while (name := mujoco.mj_id2name(self._model, kind, len(names))) is not None:
+        while (name := mujoco.mj_id2name(self._official, kind, len(names))) is not None:
             names.append(name)
         return [name for name in names if name]
 
@@ -234,7 +234,7 @@ class MjModel(CopyOnWrite):
     @property
     def name(self) -> str:
         """The model's name."""
-        return self._model.names.split(b"\0", 1)[0].decode()
+        return self._official.names.split(b"\0", 1)[0].decode()
 
 
 def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = None) -> None:

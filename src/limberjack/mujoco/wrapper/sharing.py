@@ -8,7 +8,7 @@ A suite model takes 12 MB, nearly all of it the sky texture, and 70 ms to compil
 the same source share one `SharedModel`. The most recently used ones stay in a cache, up to a total
 size, even if no simulation uses them. Any access through an `MjModel` that could lead to a change
 (a writable array, a nested struct, `ptr`) copies the model first (`CopyOnWrite`). Code of this
-package that only reads uses `model._model`.
+package that only reads uses `model._official`.
 """
 
 import functools
@@ -87,15 +87,15 @@ class _LastLoaded:
         if awaited is not None and wrapper._shared is awaited:
             self._record(wrapper)
         elif self._wrapper() is wrapper:
-            self.model = wrapper._model
+            self.model = wrapper._official
 
     def is_of(self, wrapper: "CopyOnWrite") -> bool:
         """Whether the wrapper has the most recently loaded model, not an equal or shared one."""
         is_private = wrapper._shared is None
-        return self._wrapper() is wrapper or (is_private and wrapper._model is self.model)
+        return self._wrapper() is wrapper or (is_private and wrapper._official is self.model)
 
     def _record(self, wrapper: "CopyOnWrite") -> None:
-        self.model, self.mjcf = wrapper._model, wrapper._mjcf
+        self.model, self.mjcf = wrapper._official, wrapper._mjcf
         self._wrapper, self._awaited = weakref.ref(wrapper), None
 
 
@@ -105,7 +105,7 @@ last_loaded = _LastLoaded()
 class CopyOnWrite:
     """A wrapper of a model that is shared until an access could change it."""
 
-    _model: mujoco.MjModel
+    _official: mujoco.MjModel
     _shared: SharedModel | None  # None once the wrapper has its own copy
     _is_lent: bool  # whether user code may change height fields, textures or meshes unnoticed
     _mjcf: Mjcf | None  # that it was compiled from; changes since are not in it
@@ -115,7 +115,7 @@ class CopyOnWrite:
         object.__setattr__(self, "_mjcf", mjcf if shared is None else shared.mjcf)
         object.__setattr__(self, "_shared", shared)
         object.__setattr__(self, "_is_lent", shared is None)
-        object.__setattr__(self, "_model", model if shared is None else shared.model)
+        object.__setattr__(self, "_official", model if shared is None else shared.model)
         last_loaded.follow(self)
 
     @property
@@ -124,13 +124,18 @@ class CopyOnWrite:
         object.__setattr__(self, "_is_lent", True)
         return self.own()
 
+    @property
+    def _model(self) -> mujoco.MjModel:
+        """The same, as programs for dm_control call it."""
+        return self.ptr
+
     def own(self) -> mujoco.MjModel:
         """Like `ptr`, for code that does not change height fields, textures or meshes."""
         if self._shared is not None:
-            object.__setattr__(self, "_model", copy_of(self._shared.model))
+            object.__setattr__(self, "_official", copy_of(self._shared.model))
             object.__setattr__(self, "_shared", None)
             last_loaded.follow(self)
-        return self._model
+        return self._official
 
     @property
     def structure(self) -> mujoco.MjModel:
@@ -139,11 +144,11 @@ class CopyOnWrite:
         It has no textures if the model is shared: a wrapper that later needs its own copy would
         otherwise keep them in memory twice.
         """
-        return self._model if self._shared is None else self._shared.layout
+        return self._official if self._shared is None else self._shared.layout
 
     def _field(self, name: str) -> object:
         """A field; if it is mutable, the model is copied first."""
-        value = getattr(self._model, name)
+        value = getattr(self._official, name)
         return value if isinstance(value, _IMMUTABLE) else getattr(self.own(), name)
 
 

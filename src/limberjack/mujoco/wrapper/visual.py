@@ -87,7 +87,7 @@ class MjvScene(mujoco.MjvScene):
         if model is None:
             super().__init__()
             return
-        raw = model._model
+        raw = model._official
         count = max_geom or max(_FEWEST_SCENE_GEOMS, _renderable_geoms(raw))
         with allocating(f"a scene of {count} geoms", count * _GEOM_BYTES):
             super().__init__(raw, count)

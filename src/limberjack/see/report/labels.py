@@ -225,7 +225,7 @@ def labels_of(environment: Environment) -> Labels:
     physics = environment.physics
     if not isinstance(physics, Physics):
         return Labels({}, ())
-    model = physics.model._model
+    model = physics.model._official
     names = controls(model)
     spec = environment.action_spec()
     actions = names if getattr(spec, "shape", None) == (len(names),) else ()
@@ -245,7 +245,7 @@ class _Probe:
         self._is_flat = environment._flat_observation
         self._physics = physics.copy(share_model=True)
         data = self._physics.data._data
-        labels = fields_of(physics.model._model)
+        labels = fields_of(physics.model._official)
         self._labels = {name: of for name, of in labels.items() if of}
         self._arrays = {name: getattr(data, name) for name in self._labels}
         self._stream = np.random.RandomState(0)

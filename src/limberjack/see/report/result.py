@@ -1,7 +1,7 @@
 """result.json: the returns of a run, and everything needed to run it again; and the run's folder.
 
     check_folder(Path("out"), {"domain": "humanoid", "task": "walk", "policy": "zero"})
-    write_result(Path("out/result.json"), run_facts, episodes, fingerprint(physics.model._model))
+    write_result(Path("out/result.json"), run_facts, episodes, fingerprint(physics.model._official))
 
 The file is valid JSON: a number that is not finite is written as null. A run replaces the files of
 an earlier run of the same task and policy, and of nothing else: a folder with other results is left

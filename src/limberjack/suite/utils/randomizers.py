@@ -39,7 +39,7 @@ def randomize_limited_and_rotational_joints(
       random: the stream to draw from; NumPy's global stream by default.
     """
     stream: Any = random or np.random  # a `RandomState`, or the module with its methods
-    model, qpos = physics.model._model, physics.data.qpos
+    model, qpos = physics.model._official, physics.data.qpos
     joints = zip(
         model.jnt_type.tolist(),
         model.jnt_limited.tolist(),

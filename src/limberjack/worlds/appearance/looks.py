@@ -97,7 +97,7 @@ class Looks:
         if appearance is None:
             return None
         options = Appearance.of(appearance)
-        model = getattr(getattr(physics, "model", None), "_model", None)
+        model = getattr(getattr(physics, "model", None), "_official", None)
         if model is None or not hasattr(physics, "render_rows"):
             raise TypeError(
                 f"a {type(physics).__name__} cannot be rendered; appearance needs a "
