@@ -37,6 +37,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONGEST = (
     "oracle/test_frames.py",
     "oracle/test_batches.py",
+    # For memory: dm_control's dog takes 400 MB, which these find while the process is small.
+    "oracle/test_models.py",
+    "oracle/test_domains.py",
+    "oracle/test_episodes.py",
     "cli/test_run.py",
     "episodes/test_collecting.py",
     "evaluation/test_experiment_workers.py",

@@ -127,7 +127,8 @@ def test_a_function_that_suggests_names_works_as_before() -> None:
     assert add.__doc__ == "A sum."
     wrong: Any = add
     with pytest.raises(
-        TypeError, match=r"keyword argument 'secnod'\. Did you mean 'second'\? It takes: first, second"
+        TypeError,
+        match=r"keyword argument 'secnod'\. Did you mean 'second'\? It takes: first, second",
     ):
         wrong(1, secnod=2)
     with pytest.raises(TypeError, match="missing 1 required positional argument"):

@@ -198,9 +198,7 @@ def test_numpy_may_be_set_to_raise_floating_point_errors() -> None:
             env = suite.load(*task, {"random": 0}, visualize_reward=True)
             batch = BatchEnvironment.from_environment(env, 4, 1, seed=0)
             env.reset(), batch.reset()
-            for actions in np.random.RandomState(0).uniform(
-                -1, 1, (20, *batch.action_spec().shape)
-            ):
+            for actions in np.random.RandomState(0).uniform(-1, 1, (8, *batch.action_spec().shape)):
                 env.step(actions[0]), batch.step(actions)
 
 

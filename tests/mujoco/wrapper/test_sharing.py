@@ -183,7 +183,7 @@ def test_the_model_used_longest_ago_is_dropped_first_and_the_last_one_never(
 
 
 def test_a_second_load_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    for domain, task in suite.ALL_TASKS:
+    for domain, task in dict(suite.ALL_TASKS).items():  # the last task of each domain
         suite.load(domain, task).close()
         with monkeypatch.context() as patch:
             patch.delattr(mujoco.MjModel, "from_xml_string")
