@@ -1,6 +1,7 @@
 """The scores of runs on a set of tasks, by the protocol of papers."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,16 @@ from limberjack.workers import State
 from limberjack.worlds.appearance import Appearance
 from limberjack.worlds.faults import Faults
 
-_FAST = TaskSet("fast", (("cartpole", "balance"), ("pendulum", "swingup")), "this test")
+from . import brief
+
+_FAST = TaskSet("fast", (("brief", "balance"), ("brief", "swingup")), "this test")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _registered() -> Iterator[None]:
+    suite.register("brief", brief)
+    yield
+    suite.unregister("brief")
 
 
 @pytest.fixture(autouse=True)
@@ -58,7 +68,7 @@ def test_actions_are_repeated_twice_and_a_task_without_a_limit_has_a_thousand_st
 
 def test_a_policy_that_demands_a_number_of_repeats_is_played_with_it() -> None:
     plans, _ = protocol._planned(_FAST, ["planner", "zero"])
-    assert plans["pendulum", "swingup"].action_repeats == (None, 2)  # the planner demands 1
+    assert plans["brief", "swingup"].action_repeats == (None, 2)  # the planner demands 1
     scores = TaskScores("walker", "walk", (1.0, 2.0), (1, 2), 1000, {})
     assert scores.agent_steps == (1000, 500)
 
@@ -73,19 +83,18 @@ def test_policies_in_files_play_at_their_own_repeat_where_there_is_one(tmp_path:
         action_repeat=4,
     )
     layer = np.ones((1, 3), np.float32), np.zeros(1, np.float32)
-    mlp.save(tmp_path / "pendulum-swingup.safetensors", [layer], card)
+    mlp.save(tmp_path / "brief-swingup.safetensors", [layer], card)
     run = f"mlp:{tmp_path}/{{domain}}-{{task}}.safetensors"
     found = evaluate_set(_FAST, [run, "zero"], num_threads=1)
     (one,) = found.tasks
-    assert (one.domain, one.action_repeats, one.agent_steps) == ("pendulum", (4, 2), (250, 500))
-    alone = evaluate(
-        "pendulum", "swingup", run.format(domain="pendulum", task="swingup"), protocol._SEEDS
-    )
+    assert (one.domain, one.action_repeats, one.agent_steps) == ("brief", (4, 2), (13, 25))
+    policy = run.format(domain="brief", task="swingup")
+    alone = evaluate("brief", "swingup", policy, protocol._SEEDS)
     assert one.returns[0] == alone.summary().mean
     assert found.runs == (run, "zero")
     ((task, reason),) = found.missing.items()
-    assert task == ("cartpole", "balance")
-    assert "cartpole-balance.safetensors" in reason
+    assert task == ("brief", "balance")
+    assert "brief-balance.safetensors" in reason
 
 
 def test_every_task_of_the_suite_with_a_time_limit_has_the_steps_of_the_protocol() -> None:
@@ -133,7 +142,7 @@ def test_a_policy_that_does_not_fit_a_task_is_missing_there(
 
 
 def test_a_run_without_any_policy_is_refused_with_its_reason(tmp_path: Path) -> None:
-    with pytest.raises(PolicyError, match=r"no task .* cartpole balance: .*Did you mean 'random'"):
+    with pytest.raises(PolicyError, match=r"no task .* brief balance: .*Did you mean 'random'"):
         evaluate_set(_FAST, ["zero", "radnom"], out=tmp_path / "out")
     assert not (tmp_path / "out").exists()  # so that the same folder serves for the right name
     with pytest.raises(ValueError, match="there are no runs; expected at least one policy"):
@@ -153,9 +162,9 @@ def test_a_run_that_was_killed_is_continued(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         evaluate_set(_FAST, "zero", out=out, num_threads=1, on_progress=stop)
-    first = (out / "run-1" / "cartpole-balance" / "episodes.jsonl").read_bytes()
+    first = (out / "run-1" / "brief-balance" / "episodes.jsonl").read_bytes()
     found = evaluate_set(_FAST, "zero", out=out, num_threads=1)
-    assert (out / "run-1" / "cartpole-balance" / "episodes.jsonl").read_bytes() == first
+    assert (out / "run-1" / "brief-balance" / "episodes.jsonl").read_bytes() == first
     assert found.files == (out / "set.json",)
     undisturbed = evaluate_set(_FAST, "zero", num_threads=1)
     assert found.tasks == undisturbed.tasks
@@ -218,15 +227,15 @@ def test_an_error_while_playing_is_no_missing_policy() -> None:
 
     with pytest.raises(PolicyError, match="seed 30000") as caught:
         evaluate_set(_FAST, broken, num_threads=1)
-    assert caught.value.__notes__ == ["cartpole balance"]  # which the seed does not say
+    assert caught.value.__notes__ == ["brief balance"]  # which the seed does not say
 
 
 def test_a_world_is_that_of_all_tasks_and_part_of_the_results(tmp_path: Path) -> None:
-    tasks, out = TaskSet("one", (("cartpole", "balance"),), "this test"), tmp_path / "out"
+    tasks, out = TaskSet("one", (("brief", "balance"),), "this test"), tmp_path / "out"
     world = {"appearance": "color_hard"}
     found = evaluate_set(tasks, "zero", out=out, num_threads=1, world=world)
     assert found.as_json()["world"] == {"appearance": {"palette": 0.2}}
-    facts = json.loads((out / "run-1" / "cartpole-balance" / "result.json").read_text())
+    facts = json.loads((out / "run-1" / "brief-balance" / "result.json").read_text())
     assert facts["world"] == {"appearance": {"palette": 0.2}}
     for other in (None, {"appearance": "color_easy"}):
         with pytest.raises(ValueError, match=r"world .*, and this one has"):
@@ -248,7 +257,7 @@ def test_a_world_is_that_of_all_tasks_and_part_of_the_results(tmp_path: Path) ->
 def test_a_world_is_the_same_in_any_form(
     one: dict[str, object], another: dict[str, object], tmp_path: Path
 ) -> None:
-    tasks = TaskSet("one", (("cartpole", "balance"),), "this test")
+    tasks = TaskSet("one", (("brief", "balance"),), "this test")
     found = [evaluate_set(tasks, "zero", out=tmp_path, world=world) for world in (one, another)]
     assert found[0] == found[1]
     assert json.loads((tmp_path / "set.json").read_text())["world"] == found[0].world
