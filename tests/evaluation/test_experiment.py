@@ -161,7 +161,6 @@ def test_the_folder_of_a_dataset_is_refused(tmp_path: Path) -> None:
 def test_rows_can_be_asked_for_and_change_no_number() -> None:
     rows = _evaluate("random", vectorised=False)
     assert rows.scores == _evaluate("random", vectorised=True).scores
-    assert _evaluate("random", vectorised=False, workers=1).scores == rows.scores
     with pytest.raises(ValueError, match="LastAction"):
         evaluate(_remembering, seeds=range(2), vectorised=True)
 
@@ -462,9 +461,8 @@ def test_workers_repeat_actions_and_another_repeat_does_not_continue(tmp_path: P
 
 
 @pytest.mark.skipif(os.environ.get("MUJOCO_GL") == "disable", reason="rendering is turned off")
-@pytest.mark.parametrize("workers", [None, 1])
-def test_stacked_pictures_are_those_of_actions(workers: int | None) -> None:
-    how: dict[str, Any] = {"num_threads": 1, "action_repeat": 3, "workers": workers}
+def test_stacked_pictures_are_those_of_actions() -> None:
+    how: dict[str, Any] = {"num_threads": 1, "action_repeat": 3}
     evaluation = evaluate(_pictured, None, "evaluated:watching", range(2), **how)
     for seed, score in enumerate(evaluation.scores["evaluated:watching"]):
         environment = _pictured(seed)
