@@ -64,8 +64,8 @@ _BY_START = """
 ## By start
 
 Mean return, with the share of successes in brackets. [Manipulator](manipulator.md#start),
-[Stacker](stacker.md#start) and [Evaluation](evaluation.md#kinds-of-starts), for the humanoid,
-describe the kinds of starts.
+[Stacker](stacker.md#start) and [Evaluation](evaluation.md#kinds-of-starts), for humanoid,
+humanoid_CMU and swimmer, describe the kinds of starts.
 """
 
 _UNSOLVED = """
@@ -274,7 +274,8 @@ def _start_table(results: Sequence[_Result]) -> list[str]:
             policies.append(policy)
         for start, part in summary["strata"].items():
             text = f"{part['mean']:.1f} ({100 * part['success_rate']:.1f} %) of {part['episodes']}"
-            cells.setdefault((result["task"], start), {})[policy] = text
+            task = f"{result['domain']} {result['task']}"
+            cells.setdefault((task, start), {})[policy] = text
     rows = [
         [task, start, *(row.get(policy, "-") for policy in policies)]
         for (task, start), row in cells.items()

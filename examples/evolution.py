@@ -6,11 +6,11 @@
 Of each pair of policies one has some noise added to the weights, and the other has it taken away.
 All play the same episodes, and the weights move along the noise of those that did better: Salimans
 et al., 2017, with ranks in the place of returns, and Mania et al., 2018, for linear policies. The
-springs of lqr are drawn for each episode, and are not observed. A value function takes what is
-observed for all that matters; a return does not.
+springs of lqr are drawn for each seed, here for each episode, and are not observed. A value
+function takes what is observed for all that matters; a return does not.
 
-It writes the policy, which `limberjack run lqr lqr_6_2 --policy mlp:evolved/policy.safetensors`
-plays, and curve.csv with the columns of `limberjack train`.
+It writes the policy, which `limberjack run lqr lqr_6_2 --time-limit 30 --policy
+mlp:evolved/policy.safetensors` plays, and curve.csv with the columns of `limberjack train`.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """A planner for a task of your own: a cart swings a pole up and balances it.
 
-    python examples/planner_cost.py --steps 200
+    python examples/planner_cost.py --steps 400
 
 `Upright` is all that the planner needs to know of the task; the model and the task above it are an
 ordinary domain. With the zero action the pole hangs and the return is 0.

@@ -4,9 +4,9 @@
     python examples/sb3_crossq.py --steps 60000 --envs 8 --out reacher.zip
 
 It prints SB3's table every eight episodes, at the end the return on seeds that it has not trained
-on, and with --out it keeps the model, which `limberjack run reacher easy --policy sb3:reacher.zip`
-plays. `limberjack train reacher easy` learns the same with JAX in less time, and continues
-after a kill.
+on, and with --out it keeps the model, which `limberjack run reacher easy --action-repeat 2 --policy
+sb3:reacher.zip` plays. `limberjack train reacher easy` learns the same with JAX in less time, and
+continues after a kill.
 """
 
 import argparse

@@ -141,6 +141,32 @@ def test_the_gain_of_drawing_rows_together_is_that_which_was_measured() -> None:
     assert told in " ".join(_text(_SEEING).split())
 
 
+def test_the_costs_of_a_picture_are_those_that_were_measured() -> None:
+    rows = json.loads((_RESULTS / "rendering.json").read_text(encoding="utf-8"))["rows"]
+    text = " ".join(_text(_SEEING).split())
+
+    def measured(measure: str, size: str, digits: int) -> str:
+        found = [
+            row["value"]
+            for row in rows
+            if (row["measure"], row["subject"].split()[-1]) == (measure, size)
+        ]
+        return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
+
+    for name, measure in (
+        ("a bare `mujoco.Renderer`", "render / mujoco.Renderer"),
+        ("dm_control", "render / dm_control"),
+    ):
+        small, large = (measured(measure, size, 2) for size in ("84x84", "480x640"))
+        assert f"| {name} | {small} | {large} |" in text
+    of_batch = measured("batch / mujoco.Renderer", "84x84", 2)
+    assert f"of the rows of a batch on two threads | {of_batch} | |" in text
+    small, large = (measured("fast / full", size, 1) for size in ("84x84", "480x640"))
+    assert f'`"fast"` is {small} times as fast at 84 by 84, and {large} times at 480 by 640' in text
+    times = [1000 / row["ours"] for row in rows if row["measure"] == "render / mujoco.Renderer"]
+    assert f"takes {min(times):.0f} to {max(times):.0f} ms, all but" in text
+
+
 def test_the_size_of_an_installation_is_that_which_was_measured() -> None:
     rows = json.loads((_RESULTS / "installing.json").read_text(encoding="utf-8"))["rows"]
     packages, megabytes = (round(row["value"]) for row in rows)

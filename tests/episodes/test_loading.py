@@ -111,13 +111,6 @@ def test_what_names_no_folder_is_refused(name: Any, error: type[Exception]) -> N
         collect("pendulum", "swingup", seeds=range(1), out=name, time_limit=0.1)
 
 
-def test_the_number_of_an_episode_is_no_slice(folder: Path) -> None:
-    with pytest.raises(
-        TypeError, match=r"index is slice\(0, 2, None\); expected the number of one"
-    ):
-        load(folder)[0:2]  # pyright: ignore[reportArgumentType]
-
-
 def test_a_manifest_of_other_seeds_or_rows_than_the_files_is_refused(folder: Path) -> None:
     path = folder / "dataset.json"
     text = path.read_text()

@@ -370,7 +370,7 @@ def chosen_seeds(seeds: str | None, episodes: int | None, default: int) -> range
     if not chosen:
         raise ValueError(f"--seeds is {seeds}, which holds no seed; expected A:B with A below B")
     if chosen[-1] >= SEEDS:
-        raise ValueError(f"--seeds is {seeds}; expected numbers up to {SEEDS}")
+        raise ValueError(f"--seeds is {seeds}; expected numbers up to {SEEDS - 1}")
     if episodes is not None and episodes > len(chosen):
         raise ValueError(
             f"--episodes is {episodes}, but --seeds {seeds} holds {len(chosen)}: give more seeds"

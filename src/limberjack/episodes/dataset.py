@@ -25,7 +25,6 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import SupportsIndex
 
 import dm_env
 import numpy as np
@@ -185,12 +184,9 @@ class Dataset:
 
         Raises:
           IndexError: there is no such episode.
-          TypeError: it is no whole number.
           ValueError: its file is damaged.
         """
         episodes = len(self)
-        if not isinstance(index, SupportsIndex):
-            raise TypeError(f"index is {index!r}; expected the number of one episode")
         number = operator.index(index)
         if not -episodes <= number < episodes:
             raise IndexError(f"index {number} is out of range; there are {episodes} episodes")

@@ -45,8 +45,8 @@ class Batch:
 
     Attributes:
       observations: before the step, by name, (N, ...).
-      actions: (N, ...) float64.
-      rewards: (N,) float64.
+      actions: (N, ...) float64, or float32 after `select(float32=True)`.
+      rewards: (N,), of the same type.
       next_observations: after the step, by name, (N, ...).
       terminated: whether the task ended the episode, (N,): nothing follows to bootstrap from.
       truncated: whether the time limit ended the episode, (N,).
@@ -77,8 +77,8 @@ class Windows:
 
     Attributes:
       observations: before each step and after the last one, by name, (N, L + 1, ...).
-      actions: (N, L, ...) float64.
-      rewards: (N, L) float64.
+      actions: (N, L, ...) float64, or float32 after `select(float32=True)`.
+      rewards: (N, L), of the same type.
       terminated: whether the task ended the episode with the step, (N, L).
       truncated: whether the time limit ended the episode with the step, (N, L).
       mask: whether it is a step of the episode, (N, L).

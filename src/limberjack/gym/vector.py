@@ -94,6 +94,9 @@ class Workers(Generic[_R]):
         """The half that was sent first, and the result of its job, whose error it raises.
 
         Ctrl-C while it waits loses nothing: the next call waits for the same half.
+
+        Raises:
+          RuntimeError: no half was sent in this process.
         """
         if not self.busy:
             raise RuntimeError("nothing was sent in this process: call send() before recv()")

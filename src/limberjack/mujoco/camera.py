@@ -396,7 +396,12 @@ def checked_size(physics: Drawable, height: int, width: int) -> tuple[int, int]:
 
 
 def view_of(physics: Drawable, camera_id: int | str) -> MjvCamera:
-    """The view of a camera, given by name or number, or of the free camera."""
+    """The view of a camera, given by name or number, or of the free camera.
+
+    Raises:
+      TypeError: it is neither a name nor a number.
+      ValueError: there is no such camera.
+    """
     model = physics.model._official
     if isinstance(camera_id, str):
         number: int = physics.model.name2id(camera_id, "camera")

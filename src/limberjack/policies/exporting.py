@@ -2,8 +2,8 @@
 
     card = export("sb3:walk.zip", "walk.safetensors", task=("walker", "walk"), action_repeat=2)
 
-PPO, A2C, SAC, TD3, DDPG, and TQC and CrossQ of sb3-contrib, with fully connected layers. The file
-acts as the model does without exploration: both are compared before the file is written. Batch
+PPO, A2C, SAC, TD3, DDPG, and TRPO, TQC and CrossQ of sb3-contrib, with fully connected layers. The
+file acts as the model does without exploration: both are compared before the file is written. Batch
 normalisation is folded into the layers, and a `VecNormalize` beside the model becomes the card's
 `mean`, `scale` and `clip`.
 

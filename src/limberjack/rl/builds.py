@@ -435,7 +435,7 @@ def parts_of(env: dm_env.Environment) -> dict[str, object]:
 
 
 def _settings(env: dm_env.Environment, kind: Callable[[object], object] = type) -> object:
-    """What an environment is made of; `kind` tells objects apart that are not compared."""
+    """The parts of an environment; `kind` tells objects apart that are not compared."""
     if difference(env) is not None:
         return None
     assert isinstance(env, Environment)

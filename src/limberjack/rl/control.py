@@ -853,6 +853,7 @@ def compute_n_steps(
       tolerance: maximum deviation of their ratio from an integer.
 
     Raises:
+      TypeError: the control step is no number.
       ValueError: the control step is shorter than the physics step, or not a multiple of it.
     """
     if not isinstance(control_timestep, numbers.Real):

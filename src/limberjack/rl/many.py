@@ -193,6 +193,7 @@ class ManySnapshot(Snapshot):
         """See `Snapshot`; of rows of a single task it is the snapshot of that task.
 
         Raises:
+          IndexError: there is no such row.
           ValueError: the numbers are not in their order.
         """
         numbers = np.atleast_1d(rows)
@@ -480,7 +481,7 @@ class ManyTasks(Batch):
         return saved[0] if len(saved) == 1 else ManySnapshot.of(saved)
 
     def restore(self, snapshot: Snapshot, rows: RowNumbers = None) -> None:
-        """See `Batch`; each row must be of the same task as the snapshot's row."""
+        """See `Batch`; raises ValueError unless each row is of the task of the snapshot's row."""
         numbers = self._numbers(rows)
         as_snapshot(snapshot)
         given = snapshot.parts if isinstance(snapshot, ManySnapshot) else (snapshot,)
@@ -511,7 +512,7 @@ class ManyTasks(Batch):
     def set_states(
         self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: RowNumbers = None
     ) -> dm_env.TimeStep:
-        """See `Batch`; a mapping must be for rows of one task."""
+        """See `Batch`; raises ValueError if a mapping is for rows of several tasks."""
         numbers = self._numbers(rows)
         if isinstance(states, Snapshot):
             self.restore(states, numbers)
@@ -636,7 +637,11 @@ class ManyTasks(Batch):
         return found.pop() if len(found) == 1 else math.nan
 
     def single_action_spec(self) -> specs.BoundedArray:
-        """The spec of one row's action, (A,): bounds that all tasks allow which take a number."""
+        """The spec of one row's action, (A,): bounds that all tasks allow which take a number.
+
+        Raises:
+          ValueError: tasks allow no common number.
+        """
         size = max(task.action_size for task in self.tasks)
         low, high = np.full(size, -np.inf), np.full(size, np.inf)
         for task in self.tasks:

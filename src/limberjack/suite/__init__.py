@@ -13,7 +13,6 @@ the current list, including tasks added to a domain's `SUITE` later.
 import dataclasses
 import importlib
 import inspect
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import Any, Literal, overload
@@ -74,7 +73,7 @@ _NO_VISUALIZATION = "no_reward_visualization"  # dm_control's tag
 _OF_TASKS = ("physics", "task", "time_limit")  # arguments of an environment that tasks give it
 
 _DOMAINS = Domains()
-sys.modules[__name__].__class__ = SuiteModule
+importlib.import_module(__name__).__class__ = SuiteModule
 
 
 def _get_tasks(tag: str | None) -> _Tasks:

@@ -348,9 +348,10 @@ def sizes_of(environment: dm_env.Environment) -> tuple[int | None, int | None]:
     """Numbers of an action and of an observation; None for specs of another form."""
     found: list[int | None] = []
     for spec in environment.action_spec(), environment.observation_spec():
-        parts: Any = spec.values() if isinstance(spec, Mapping) else [spec]
-        is_known = all(isinstance(part, specs.Array) for part in parts)
-        found.append(sum(math.prod(part.shape) for part in parts) if is_known else None)
+        parts: list[object] = [*spec.values()] if isinstance(spec, Mapping) else [spec]
+        arrays = [part for part in parts if isinstance(part, specs.Array)]
+        is_known = len(arrays) == len(parts)
+        found.append(sum(math.prod(array.shape) for array in arrays) if is_known else None)
     return found[0], found[1]
 
 

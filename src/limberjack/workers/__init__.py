@@ -7,8 +7,9 @@
             ...
 
 An episode depends on its setup (task, versions, policy) and its seed alone, so any worker can play
-any unit, even twice. Only the process that reads the results writes files. Each worker first proves
-that it has the same identity and that a few steps give the same bits.
+any unit, even twice. The process that reads the results writes files, except those of episodes,
+which workers write. Each worker first proves that it has the same identity and that a few steps
+give the same bits.
 """
 
 from limberjack.workers.attempt import WorkError
