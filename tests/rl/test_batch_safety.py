@@ -452,7 +452,7 @@ def test_a_physics_that_replaces_a_part_of_its_step_is_refused() -> None:
 
     physics = Careless.from_xml_string(_ARM)
     env = control.Environment(physics, Reach(random=0), time_limit=1, n_sub_steps=2)
-    message = "Careless replaces a part of `step`, such as check_invalid_state, which the rows"
+    message = "Careless replaces check_invalid_state, which the rows of a batch do not call"
     with pytest.raises(ValueError, match=message):
         BatchEnvironment.from_environment(env, 3, 1, seed=0)
     assert batch_of(env, 2, 1, seed=0).why_rows is not None

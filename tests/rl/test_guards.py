@@ -184,7 +184,7 @@ def test_a_second_thread_is_refused_while_the_first_is_within() -> None:
     assert _in_another_thread(use) == []
     with use:
         (error,) = _in_another_thread(use)
-    assert error.startswith("this batch is used from two threads at once: give each thread a batch")
+    assert error.startswith("this batch is used from two threads at once: give each thread one of")
     assert _in_another_thread(use) == []
 
 

@@ -76,8 +76,9 @@ class Physics(_control.Physics):
 
     # A class attribute, because programs override `__init__` without calling it.
     _warnings_cause_exception = True
-    # Whether a subclass replaces a part of `step`, as programs for dm_control do.
-    replaces_parts_of_step = False
+    # Methods that a subclass replaces, and that rows of a batch do not call.
+    replaced: tuple[str, ...] = ()
+    _replaces_parts_of_step = False  # as programs for dm_control do
     # Any: a `wrapper.MjData`, or a `RowsData` with the same fields.
     _data: Any
     _simulation: Simulation
@@ -85,8 +86,10 @@ class Physics(_control.Physics):
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
         parts = ("check_invalid_state", "_step_with_up_to_date_position_velocity")
-        own = (getattr(cls, name) is not getattr(Physics, name) for name in parts)
-        cls.replaces_parts_of_step = any(own)
+        names = ("step", "after_reset", "reset_context", *parts)
+        own = (name for name in names if getattr(cls, name) is not getattr(Physics, name))
+        cls.replaced = tuple(own)
+        cls._replaces_parts_of_step = not set(parts).isdisjoint(cls.replaced)
 
     def __init__(self, data: wrapper.MjData) -> None:
         """Wraps a `wrapper.MjData`; see also the `from_...` constructors."""
@@ -315,7 +318,7 @@ class Physics(_control.Physics):
             simulation = self._only_single("step()", "call step(actions) of its BatchEnvironment")
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
-        if self.replaces_parts_of_step:
+        if self._replaces_parts_of_step:
             with self.check_invalid_state():
                 if self.legacy_step:
                     self._step_with_up_to_date_position_velocity(nstep)
@@ -343,7 +346,7 @@ class Physics(_control.Physics):
     def can_step_in_parts(self) -> bool:
         """Whether `step_in_parts` equals `step`: no subclass or user has replaced that."""
         is_replaced = type(self).step is not Physics.step or "step" in vars(self)
-        if is_replaced or self.replaces_parts_of_step:
+        if is_replaced or self._replaces_parts_of_step:
             return False
         return type(self._simulation) is SingleSimulation
 

@@ -19,7 +19,7 @@ row whose episode has just begun has reward 0 and discount 1.
 import copy
 import functools
 from collections.abc import Iterable, Mapping, MutableMapping, Sequence
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import dm_env
 import numpy as np
@@ -59,6 +59,14 @@ from limberjack.worlds.appearance import Looks
 __all__ = ["BatchEnvironment"]
 
 _LAST = int(dm_env.StepType.LAST)
+
+
+class _Apart(NamedTuple):
+    """Rows, their states (n, ...), and their own model fields by name."""
+
+    rows: np.ndarray
+    state: np.ndarray
+    own: dict[str, np.ndarray]
 
 
 class BatchEnvironment(Batch):
@@ -114,6 +122,7 @@ class BatchEnvironment(Batch):
         self._all_begin = self._begins.copy()
         spec = bounded_spec(task, self._replicas.single)
         self._action_spec = guards.batched_spec(spec, num_envs)
+        self._is_proved = proved
         if not proved:
             self._check_task(spec)
         self._memory = EpisodeAttributes(task, num_envs, proved)
@@ -269,16 +278,34 @@ class BatchEnvironment(Batch):
 
     @property
     def _remembers(self) -> bool:
-        """Whether calls are remembered for some rows: by the task, or by faults."""
-        return self._faults is not None or not self._memory.is_idle
+        """Whether calls may count for some rows only: of a user's task, or of faults."""
+        return self._faults is not None or not self._is_proved
+
+    def _apart(self, rows: np.ndarray | None) -> "_Apart | None":
+        """What a hook must not change: the simulations of the rows for which it does not count."""
+        others = None if rows is None or self._is_proved else np.flatnonzero(~rows)
+        if others is None or not others.size:
+            return None
+        simulation = self._replicas.simulation
+        own = {name: field[others] for name, field in simulation.own_fields.items()}
+        return _Apart(others, simulation.state[others], own)
+
+    def _put_back(self, apart: "_Apart | None") -> None:
+        if apart is not None:
+            simulation = self._replicas.simulation
+            simulation.state[apart.rows] = apart.state
+            for name, values in apart.own.items():
+                simulation.own_fields[name][apart.rows] = values
 
     def _before_step(self, actions: np.ndarray, rows: np.ndarray | None) -> None:
         """Hands the actions to the task, which remembers them in a mask of rows only."""
         physics, faults = self._replicas.physics, self._faults
         if faults is not None:
             actions = faults.act(actions)
+        apart = self._apart(rows)
         with self._memory.during("before_step", physics, rows):
             self._task.before_step(actions, physics)
+        self._put_back(apart)
         if faults is not None:
             faults.accept(rows)
 
@@ -300,16 +327,20 @@ class BatchEnvironment(Batch):
             stepped = ~self.diverged if active is None else active & ~self.diverged
         if running is None or running.size:
             physics = self._replicas.physics
+            apart = self._apart(stepped)
             with self._memory.during("after_step", physics, stepped):
                 self._task.after_step(physics)
+            self._put_back(apart)
             self._late.take_forward()  # before rows begin, which are computed by themselves
         return stepped
 
     def _reward(self, rows: np.ndarray | None) -> tuple[Quantity, dict[str, Quantity]]:
         """The rewards and their terms; the task remembers the call in a mask of rows only."""
         physics = self._replicas.physics
+        apart = self._apart(rows)
         with self._memory.during("get_reward", physics, rows):
             reward, terms = reward_and_terms(self._task, physics)
+        self._put_back(apart)
         if self._faults is not None:
             reward = self._faults.reward(reward, rows)
         return reward, terms
@@ -318,8 +349,10 @@ class BatchEnvironment(Batch):
         """The task's termination; it remembers the call in masked rows before the limit only."""
         physics = self._replicas.physics
         going_on = None if rows is None else rows & ~self._counter.reach_limit
+        apart = self._apart(going_on)
         with self._memory.during("get_termination", physics, going_on):
             ending = self._task.get_termination(physics)
+        self._put_back(apart)
         self._late.after_hooks()
         return ending
 
@@ -613,8 +646,10 @@ class BatchEnvironment(Batch):
     def _state(self, rows: np.ndarray | None) -> MutableMapping[str, np.ndarray]:
         """The observations, without pictures; the task remembers them in a mask of rows only."""
         physics = self._replicas.physics
+        apart = self._apart(rows)
         with self._memory.during("get_observation", physics, rows):
             observation = self._task.get_observation(physics)
+        self._put_back(apart)
         self._check_forms(observation)
         if self._faults is not None:
             observation = self._faults.observe(observation, rows)

@@ -15,9 +15,9 @@ from types import FrameType
 
 import numpy as np
 
-__all__ = ["Finding", "NotVectorised", "explained", "raised_in_a_batch", "wrong_shape"]
+__all__ = ["ADVICE", "Finding", "NotVectorised", "explained", "raised_in_a_batch", "wrong_shape"]
 
-_ADVICE = (
+ADVICE = (
     "index with `...`, reduce over axis -1, and write np.maximum and np.where for max() and if: "
     "x[..., 0] for x[0], arrays.norm(x) of limberjack.utils for np.linalg.norm(x), "
     "x.all(axis=-1) for all(x), and x for float(x)"
@@ -127,7 +127,7 @@ class Finding:
                 "before_step and after_step must set it for each row separately, and call "
                 "physics.forward() after setting positions, velocities, mocap bodies or the model"
             )
-        return _ADVICE
+        return ADVICE
 
 
 @contextlib.contextmanager
@@ -161,14 +161,14 @@ def raised_in_a_batch(what: str, error: BaseException, num_rows: int) -> NotVect
     """The error for code that raised in a batch, and does not in a single simulation."""
     return NotVectorised(
         f"{what} raises {type(error).__name__} in a batch of {num_rows} rows, but not in a single "
-        f"simulation: {error} ({_place(error)}); {_ADVICE}"
+        f"simulation: {error} ({_place(error)}); {ADVICE}"
     )
 
 
 def wrong_shape(what: str, found: tuple[int, ...], expected: tuple[int, ...]) -> NotVectorised:
     """The error for a quantity of another shape than one value for each row demands."""
     return NotVectorised(
-        f"{what} has shape {found} in a batch of {expected[0]}; expected {expected}: {_ADVICE}"
+        f"{what} has shape {found} in a batch of {expected[0]}; expected {expected}: {ADVICE}"
     )
 
 

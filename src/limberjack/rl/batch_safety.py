@@ -23,7 +23,8 @@ happens, if at all.
 import contextlib
 import copy
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NoReturn
 
 import numpy as np
 from dm_env import specs
@@ -32,7 +33,7 @@ from limberjack.mujoco import model_values
 from limberjack.mujoco.fields import fields_of_rows
 from limberjack.mujoco.replicas import Replicas
 from limberjack.rl.action_specs import bounds_to_try
-from limberjack.rl.batch_errors import Finding, NotVectorised, explained
+from limberjack.rl.batch_errors import ADVICE, Finding, NotVectorised, explained
 from limberjack.rl.contract import (
     Physics,
     PhysicsError,
@@ -101,10 +102,10 @@ def check_apart(task: Task, physics: SimulatedPhysics, env: object) -> None:
     Raises:
       NotVectorised: one does: a batch would read that one in the place of the rows'.
     """
-    if physics.replaces_parts_of_step:
+    if physics.replaced:
         raise NotVectorised(
-            f"physics {type(physics).__name__} replaces a part of `step`, such as "
-            "check_invalid_state, which the rows of a batch do not call"
+            f"physics {type(physics).__name__} replaces {', '.join(physics.replaced)}, which the "
+            "rows of a batch do not call"
         )
     own = [env, physics, physics.data, physics.model, *vars(physics).values()]
     targets = {id(one) for one in own if not isinstance(one, ATOMS) and type(one) is not tuple}
@@ -197,7 +198,19 @@ def check_batch_safe(
                     if look < len(records) and not (look > _STEPS and row == _LEFT_OUT):
                         steps = look if look <= _STEPS else _STEPS + _MORE_STEPS
                         trial.compare(found, records[look], row, steps)
+        trial.check_constants()
         trial.check_starts(randomizer)
+
+
+class _TouchedError(BaseException):
+    """Raised by `_Untouched`; no hook takes it for an attribute that is missing."""
+
+
+class _Untouched:
+    """Stands for a physics, and raises an error if anything is read of it."""
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise _TouchedError(name)
 
 
 class _Trial:
@@ -223,6 +236,8 @@ class _Trial:
         self._unused = fingerprint(self._stream)
         self._global = fingerprint(np.random)
         self._second_start: Mapping[str, np.ndarray] = {}  # of the row that begins again
+        # Of quantities that were one number for all rows: the functions that compute them.
+        self._of_all_rows: dict[str, Callable[[Physics], object]] = {}
         whole = model_values.checksums(self._rows.single.model._official)
         model = self._rows.single.model._official
         candidates = whole.keys() - set(saved_fields)
@@ -420,11 +435,34 @@ class _Trial:
             seen["get_termination"] = np.nan if ending is None else ending
             if is_batch:
                 self._late.after_hooks()
+                if all(np.shape(one) == () for one in (reward, *terms.values())):
+                    self._of_all_rows["the reward"] = functools.partial(reward_and_terms, task)
+                if ending is not None and np.shape(ending) == ():
+                    self._of_all_rows["get_termination"] = task.get_termination
         if not is_batch:
             keep_own(task, self._declared, self._first)
             _check_returned(self._name, seen)
         seen = measured | seen  # first, as the cause of differences in the others
         return {name: np.asarray(value) for name, value in seen.items()}
+
+    def check_constants(self) -> None:
+        """Raises NotVectorised if one number for all rows depends on the simulation.
+
+        It may be the same in a single simulation for as long as the check looks: a reward for a
+        goal that is seldom reached.
+        """
+        untouched: Physics = _Untouched()  # pyright: ignore[reportAssignmentType] (in its place)
+        no_row = np.zeros(self._num_rows, bool)
+        for what, compute in self._of_all_rows.items():
+            self._rewind(self._task)
+            try:
+                with self._memory.during("check_constants", self._rows.physics, no_row):
+                    compute(untouched)
+            except (_TouchedError, Exception) as error:
+                raise NotVectorised(
+                    f"{what} of task {self._name} is one number for all rows, and is computed from "
+                    f"the simulation: {ADVICE}"
+                ) from error
 
     @contextlib.contextmanager
     def _hook(

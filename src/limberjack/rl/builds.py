@@ -25,9 +25,10 @@ from limberjack.rl.action_specs import bounds_to_try, spec_of
 from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference
+from limberjack.rl.frozen import Alike
 from limberjack.rl.memory import Memory, put_back, remembered
 from limberjack.rl.observations import specs_of
-from limberjack.rl.references import ATOMS, attributes_of
+from limberjack.rl.references import ATOMS, STREAMS, attributes_of, reachable
 from limberjack.utils.seeds import checked_seed
 
 __all__ = [
@@ -51,7 +52,6 @@ Make = Callable[..., dm_env.Environment]
 
 _OTHER_SEED = 1  # added to a seed, to compare what a function makes of two
 _STEPS_OF_AN_OPENING = 10
-_DEEPEST = 5  # of lists and mappings in a setting that is compared
 _HAND_ON = (
     "hand its seed on to the task, as in suite.load(domain, task, {'random': seed}), and draw from "
     "task.random"
@@ -389,7 +389,7 @@ def _is_alike(
     if difference(one) is not None or difference(other) is not None:
         return False
     assert isinstance(one, Environment)
-    if settings != _settings(other):
+    if _has_other_streams(one) or settings != _settings(other):
         return False
     one.reseed(seed)
     return _stream(one) == _stream(other)
@@ -397,8 +397,8 @@ def _is_alike(
 
 def _stream(env: dm_env.Environment) -> object:
     """The state of the task's random stream; None without one."""
-    stream = getattr(getattr(control_of(env), "_task", None), "random", None)
-    if not isinstance(stream, np.random.RandomState):
+    stream = _of_task(env)
+    if stream is None:
         return None
     _, key, *others = stream.get_state()
     return np.asarray(key).tobytes(), *others
@@ -435,32 +435,37 @@ def parts_of(env: dm_env.Environment) -> dict[str, object]:
 
 
 def _settings(env: dm_env.Environment, kind: Callable[[object], object] = type) -> object:
-    """The parts of an environment; `kind` tells objects apart that are not compared."""
+    """The parts of an environment; `kind` gives what stands for the class of an object."""
     if difference(env) is not None:
         return None
     assert isinstance(env, Environment)
-    task = env.task
-    attributes = {name: _comparable(one, kind) for name, one in attributes_of(task).items()}
-    return kind(task), env._step_limit, env.control_timestep(), attributes, numbers_of(env)
+    task, physics, ours = env.task, env.physics, env._ours
+    own = [env, ours, task, physics, _of_task(env), *vars(physics).values()]
+    alike = Alike(kind, {id(one) for one in own if not isinstance(one, (*ATOMS, tuple))})
+    parts = attributes_of(task), attributes_of(physics), ours.randomizer, Environment.world.of(env)
+    numbers = env._step_limit, env.control_timestep(), ours.action_repeat, env._flat_observation
+    legacy = getattr(physics, "legacy_step", None)
+    return kind(task), kind(physics), *map(alike, parts), numbers, legacy, numbers_of(env)
 
 
 def _name_of(value: object) -> tuple[str, str]:
     return type(value).__module__, type(value).__qualname__
 
 
-def _comparable(value: object, kind: Callable[[object], object], depth: int = _DEEPEST) -> object:
-    """A value that equals that of another one of the same bits, also of NaN; or its class alone."""
-    if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
-        return value.dtype.str, value.shape, value.tobytes()
-    if isinstance(value, float):
-        return value.hex()
-    if isinstance(value, list | tuple) and depth:
-        return kind(value), [_comparable(one, kind, depth - 1) for one in value]
-    if isinstance(value, Mapping) and depth:
-        pairs = value.items()
-        compared = [(_comparable(k, kind, 0), _comparable(v, kind, depth - 1)) for k, v in pairs]
-        return kind(value), compared
-    return value if isinstance(value, ATOMS) else kind(value)
+def _of_task(env: dm_env.Environment) -> np.random.RandomState | None:
+    """The task's random stream; None without one."""
+    stream = getattr(getattr(control_of(env), "_task", None), "random", None)
+    return stream if isinstance(stream, np.random.RandomState) else None
+
+
+def _has_other_streams(env: Environment) -> bool:
+    """Whether a task or its physics keeps a stream besides the task's, which has another seed."""
+    stream = _of_task(env)
+    known = {id(one) for one in (stream, getattr(stream, "_bit_generator", None))}
+    kept = (
+        part for owner in (env.task, env.physics) for _, part in reachable(attributes_of(owner))
+    )
+    return any(isinstance(one, STREAMS) and id(one) not in known for one in kept)
 
 
 def numbers_of(env: Environment) -> object:

@@ -132,7 +132,7 @@ class SimulatedPhysics(Drawn, Protocol):
     """
 
     legacy_step: bool
-    replaces_parts_of_step: bool
+    replaced: tuple[str, ...]
 
     @property
     def simulation(self) -> Simulation:

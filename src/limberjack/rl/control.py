@@ -62,6 +62,7 @@ from limberjack.rl.observations import (
 from limberjack.rl.overridable import overridable
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, saved_pictures
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
+from limberjack.rl.references import attributes_of, reaches
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms, success_of
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
@@ -503,6 +504,10 @@ class Environment(dm_env.Environment):
             ours.faults.begin_again(0)
         stream = np.random.RandomState(seed)
         set_stream_fields(self._task, stream, self.__simulated.simulation)
+        before = getattr(self._task, "_random", None)
+        if isinstance(before, np.random.RandomState) and _is_kept_elsewhere(self._task, before):
+            before.set_state(stream.get_state(legacy=False))  # so that its other users go on
+            stream = before
         self._task._random, ours.seeded = stream, (stream, seed)
 
     def keep_as_first(self, name: str) -> None:
@@ -840,6 +845,14 @@ def shown_by(env: object, name: str, default: object = None) -> Any:  # of the p
 
 
 set_plain(Environment, frozenset(Environment.__annotations__) | {"_ours"})
+
+
+def _is_kept_elsewhere(task: object, stream: np.random.RandomState) -> bool:
+    """Whether a task keeps its random stream in another attribute as well, such as in a noise."""
+    if type(task).__module__.startswith("limberjack.suite."):
+        return False
+    kept = ((name, one) for name, one in attributes_of(task).items() if name != "_random")
+    return any(one is stream or reaches(one, {id(stream)}) for _, one in kept)
 
 
 def compute_n_steps(

@@ -217,8 +217,12 @@ def _why_shared(value: object, targets: set[int], may_share: bool) -> str | None
             return f"is a function that keeps {kept}, which copies would share"
     elif isinstance(value, weakref.ref | type) and reaches(value, targets):
         return "refers to the environment itself"
-    elif any(reaches(one, targets) for one in local_methods(value)):
+    methods = local_methods(value)
+    if any(reaches(one, targets) for one in methods):
         return f"is a {type(value).__name__}, whose class uses the environment itself"
+    kept = None if may_share else next(filter(None, map(kept_by, methods)), None)
+    if kept is not None:
+        return f"is a {type(value).__name__}, whose class keeps {kept}, which copies would share"
     return None
 
 

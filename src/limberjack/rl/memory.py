@@ -16,8 +16,9 @@ import functools
 import types
 import weakref
 from collections.abc import Iterator, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import dm_env
 import numpy as np
 
 from limberjack.rl.references import (
@@ -27,6 +28,7 @@ from limberjack.rl.references import (
     cached_of,
     is_live,
     kept_by,
+    local_methods,
     reachable,
     reaches,
 )
@@ -98,6 +100,14 @@ def _check_complete(
 ) -> None:
     """Raises TypeError if copies of attributes would share or lose what they keep."""
     own = _ids_of(task, physics)
+    for one in (task, physics):
+        keeping = next(filter(None, (kept_by(part, own) for part in local_methods(one))), None)
+        if keeping is not None:
+            raise TypeError(
+                f"class {type(one).__name__} has a function that keeps {keeping}, which a copy "
+                "would not: keep it in an attribute of the task, so that copies and snapshots "
+                "contain it"
+            )
     for owner, attributes in kept.items():
         for name, value in attributes.items():
             why = _why_incomplete(value, own, physics)
@@ -152,7 +162,7 @@ def put_back(memory: Memory, task: object, physics: object) -> None:
 
 @contextlib.contextmanager
 def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
-    """A context in which calls of a task leave no trace in the task, its stream or its physics.
+    """A context in which calls of a task leave no trace in it, its stream or the simulation.
 
     What cannot be copied, and a function in the place of a method, is used itself. The suite's own
     tasks remember nothing.
@@ -160,9 +170,13 @@ def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
     if is_of_the_suite(task, physics):
         yield task
         return
+    from limberjack.mujoco.simulation import STATE  # which imports this module
+
     kept = {id(owner): dict(attributes) for owner, attributes in _owned(task, physics)}
     stay = (task, physics, *getattr(physics, "__dict__", {}).values())
     memo: dict[int, object] = {id(one): one for one in stay}
+    simulation: Any = getattr(physics, "simulation", None)  # of a physics of MuJoCo
+    state = None if simulation is None else simulation.get_state(STATE)
     try:
         for owner, attributes in _owned(task, physics):
             methods = set(_shadowed(type(owner), attributes))
@@ -176,6 +190,8 @@ def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
                 delattr(owner, name)
             for name, value in kept[id(owner)].items():
                 object.__setattr__(owner, name, value)
+        if state is not None and simulation.get_state(STATE).tobytes() != state.tobytes():
+            simulation.set_state(state, STATE)
 
 
 def _owned(task: object, physics: object) -> list[tuple[object, dict[str, object]]]:
@@ -276,6 +292,9 @@ def _parts_of(task: object, physics: object) -> dict[str, object]:
     inside = getattr(physics, "__dict__", {})
     parts = {f"physics.{name}": one for name, one in inside.items() if name not in added}
     parts |= {"task": task, "physics": physics, "stream": getattr(task, "_random", None)}
+    for one in attributes_of(task).values():
+        if isinstance(one, dm_env.Environment) and getattr(one, "_task", None) is task:
+            parts["environment"] = one
     is_part = {
         name: not isinstance(one, ATOMS) and type(one) is not tuple for name, one in parts.items()
     }

@@ -22,9 +22,7 @@ Only methods that the physics adds to `mujoco.Physics` are recorded, and only nu
 import collections
 import functools
 import inspect
-import itertools
 import operator
-import random
 import types
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -33,8 +31,8 @@ from typing import Any, Self
 import numpy as np
 
 from limberjack import mujoco
-from limberjack.rl.references import ATOMS, attributes_of, cells_of
-from limberjack.rl.shared_streams import state_of
+from limberjack.rl.frozen import Frozen
+from limberjack.rl.references import ATOMS, attributes_of
 from limberjack.utils.turns import Turn
 
 __all__ = ["MEASUREMENT", "RECORDS", "QuickWatch", "Watch", "measurements_of"]
@@ -44,8 +42,6 @@ _one_at_a_time = Turn()
 
 _MOST_BYTES = 2**16  # of an array that a `QuickWatch` compares
 _NOTHING = object()  # an attribute that is missing
-_MOST_PARTS = 20_000  # of the values of one task; an object with more is not compared further
-_ATOMS = (str, bytes, int, complex, bool, type(None), range)
 # Attributes of a physics that its own methods set.
 _INTERNAL = ("_data", "_simulation", "_warnings_cause_exception", "legacy_step", "named")
 _STREAMS = ("_random",)  # of a task; its draws are noticed by the stream's state
@@ -116,7 +112,7 @@ class Watch:
     def _values(self) -> dict[str, object]:
         found: dict[str, object] = {}
         for label, owner in self._owners.items():
-            frozen = _Frozen(self._opaque)
+            frozen = Frozen(self._opaque)
             allowed = self._declared if label == "self" else ()
             for name, value in attributes_of(owner).items():
                 if name not in allowed and _is_watched(name, value):
@@ -222,58 +218,6 @@ def _names_of_values(cls: type) -> Sequence[str]:
 def _is_behaviour(value: object) -> bool:
     """Whether an attribute of a class is a method, a property or a class, instead of a value."""
     return isinstance(value, type | types.FunctionType) or hasattr(type(value), "__get__")
-
-
-class _Frozen:
-    """Makes values comparable at a later time, by copying their parts."""
-
-    def __init__(self, opaque: set[int]) -> None:
-        self._opaque = opaque
-        self._seen: dict[int, int] = {}
-        # Keeps what was seen alive, so that no id is used twice.
-        self._kept: list[object] = []
-
-    def __call__(self, value: object) -> object:
-        if isinstance(value, _ATOMS):
-            return type(value), value
-        if isinstance(value, float):
-            return value.hex()
-        if isinstance(value, np.generic):
-            return value.dtype.str, value.tobytes()
-        if id(value) in self._opaque or isinstance(value, type | types.ModuleType):
-            return id(value)
-        if id(value) in self._seen or len(self._seen) > _MOST_PARTS:
-            return "seen", self._seen.get(id(value))
-        self._seen[id(value)] = len(self._seen)
-        self._kept.append(value)
-        return self._parts(value)
-
-    def _parts(self, value: object) -> object:
-        if isinstance(value, np.ndarray):
-            if value.dtype == object:
-                return value.shape, [self(part) for part in value.ravel().tolist()]
-            return value.dtype.str, value.shape, value.tobytes()
-        if isinstance(value, np.random.RandomState | np.random.Generator | random.Random):
-            return state_of(value)
-        if isinstance(value, Mapping):
-            return type(value), [(self(key), self(part)) for key, part in value.items()]
-        if isinstance(value, list | tuple | collections.deque):
-            return type(value), [self(part) for part in value]
-        if isinstance(value, set | frozenset):
-            return type(value), sorted(map(repr, value))
-        if isinstance(value, types.FunctionType):
-            return id(value.__code__), self(cells_of(value)), self(vars(value))
-        if isinstance(value, types.MethodType):
-            return id(value.__func__), self(value.__self__)
-        if isinstance(value, functools.partial):
-            return self((value.func, value.args, value.keywords))
-        if isinstance(value, types.GeneratorType):
-            frame = value.gi_frame
-            return None if frame is None else (frame.f_lasti, self(dict(frame.f_locals)))
-        if isinstance(value, itertools.count | itertools.repeat):
-            return repr(value)
-        attributes = attributes_of(value)
-        return id(value), [(name, self(part)) for name, part in attributes.items()]
 
 
 MEASUREMENT = "physics."  # every label begins with it
