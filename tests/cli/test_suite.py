@@ -4,6 +4,8 @@ import importlib
 import json
 import re
 
+import pytest
+
 from limberjack import registry, suite
 from tests import plain_domain
 from tests.cli.conftest import invoke
@@ -16,6 +18,13 @@ def test_list_has_a_row_for_each_task_with_its_sizes() -> None:
     assert rows == list(suite.ALL_TASKS)
     assert re.search(r"humanoid +walk +benchmarking +21 +67 *$", result.stdout, re.MULTILINE)
     assert re.search(r"stacker +stack_4 +hard, extra +5 +63 *$", result.stdout, re.MULTILINE)
+
+
+def test_a_narrow_terminal_leaves_nothing_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("limberjack.cli.output.is_terminal", lambda stream: True)
+    monkeypatch.setenv("COLUMNS", "40")
+    assert "run_pure_state" in invoke("list").stdout
+    assert "…" not in invoke("policies").stdout
 
 
 def test_list_as_json_has_an_object_for_each_task_with_the_sizes_of_the_table() -> None:

@@ -219,6 +219,9 @@ def test_a_run_that_is_given_twice_is_refused() -> None:
         evaluate_set(_FAST, ["zero", "random", "zero"])
     with pytest.raises(ValueError, match="run 'zero' occurs twice; expected each once"):
         episodes_of(_FAST, ["zero", "random", "zero"])
+    by_task = {("brief", "balance"): "zero"}
+    with pytest.raises(ValueError, match="occurs twice; expected each once"):
+        evaluate_set(_FAST, [by_task, by_task])
 
 
 def test_an_error_while_playing_is_no_missing_policy() -> None:

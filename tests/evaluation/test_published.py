@@ -26,6 +26,13 @@ def test_scores_are_in_the_order_of_the_suite() -> None:
     assert tasks == sorted(tasks, key=suite.ALL_TASKS.index)
 
 
+def test_a_task_that_does_not_exist_is_refused_without_a_domain_too() -> None:
+    assert {score.task for score in published.scores(task="walk")} == {"walk"}
+    for domain in (None, "walker"):
+        with pytest.raises(ValueError, match="has no task 'wlak'; expected one of"):
+            published.scores(domain, "wlak")
+
+
 def test_every_score_is_possible() -> None:
     widest = 1000 / 2**0.5  # standard deviation of two runs, one of which reached everything
     for score in _SCORES:

@@ -224,7 +224,7 @@ def test_the_command_line_of_the_view_can_be_copied() -> None:
 def test_a_plan_is_drawn_as_shares_of_its_cost_with_its_weights() -> None:
     given: list[tuple[str, float]] = []
     shown = _Shown("swimmer", "swimmer6", weigh=lambda name, value: given.append((name, value)))
-    plan = Plan("carry", {"reach": 3.0, "grasp": 1.0}, {"reach": 5.0})
+    plan = Plan("carry", {"reach": 3.0, "grasp": 1.0, "terminal": 0.0}, {"reach": 5.0})
     status = dataclasses.replace(shown.session.status(), plan=plan)
     drawn = shown.draw(status)
     for text in ("Plan", "carry", "0.75 3.000", "0.25 1.000"):
@@ -232,6 +232,7 @@ def test_a_plan_is_drawn_as_shares_of_its_cost_with_its_weights() -> None:
     drawn = shown.draw(status, Weights=True, **{"reach##weight": 2.5})
     assert "reach 5 (0.0, 20.0)" in drawn
     assert "grasp 1 (0.0, 4.0)" in drawn
+    assert "terminal 1 (" not in drawn  # it has no weight
     assert given == [("reach", 2.5)]
     lighter = dataclasses.replace(status, plan=plan._replace(weights={"reach": 0.0}))
     assert "reach 0 (0.0, 20.0)" in shown.draw(lighter, Weights=True)  # the slider's end stays

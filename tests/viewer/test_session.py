@@ -537,6 +537,24 @@ def test_weights_of_the_planner_last_over_episodes() -> None:
         assert plan.terms["distance"] == 0.0
     with pytest.raises(ValueError, match="weight of 'distance' is -1"):
         plans.weigh("distance", -1)
+    with pytest.raises(ValueError, match="what is terminal has no weight"):
+        plans.weigh("terminal", 2.0)
+    session.step()  # goes on
+
+
+def test_the_plan_of_a_policy_is_not_shown_with_another_one() -> None:
+    plans, environment = viewer.Plans(), _load("hard", "reacher")
+    policies = {"planner": plans.begin_with(environment), "none": idle}
+    session = Session(environment, seed=0, plan=plans.last, policies=policies)
+    session.step()
+    assert session.status().plan is not None
+    session.choose("none")
+    for act in (session.step, session.reset, session.step):
+        assert session.status().plan is None
+        act()
+    session.choose("planner")
+    session.step()
+    assert session.status().plan is not None
 
 
 def test_the_policies_on_offer_are_those_named_and_the_built_in_ones_that_fit() -> None:

@@ -119,6 +119,11 @@ def test_a_world_is_that_of_every_environment_and_of_another_length() -> None:
         factory_of(plain_domain.make, world={"faults": "easy"})
 
 
+def test_a_world_has_no_other_options() -> None:
+    with pytest.raises(TypeError, match=r"world has no option 'randomize'\. It takes: "):
+        factory_of("cartpole", "balance", world={"randomize": {}})
+
+
 def test_a_world_that_is_no_mapping_is_refused() -> None:
     with pytest.raises(TypeError, match=r"world is 'easy'; expected a mapping, such as \{'faults'"):
         factory_of("walker", "walk", None, "easy")  # pyright: ignore[reportArgumentType]

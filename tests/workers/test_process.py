@@ -4,10 +4,12 @@ import io
 import json
 import os
 import pickle
+import shlex
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import IO
 
 import pytest
@@ -62,6 +64,15 @@ def _message(
     new: dict[str, Setup] = {},  # noqa: B006 (it is not changed)
 ) -> bytes:
     return pickle.dumps(({"function": function, **new}, "function", setup.key, seeds, ()))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="closes a stream with a POSIX shell")
+def test_workers_play_where_standard_error_is_closed(tmp_path: Path) -> None:
+    given = [*("evaluate", *TASK, "--policy", "random", "--episodes", "1"), "--time-limit", "0.05"]
+    command = [sys.executable, "-m", "limberjack", *given, "--workers", "1", "--out", "out"]
+    done = subprocess.run(["sh", "-c", f"{shlex.join(command)} 2>&-"], cwd=tmp_path, timeout=120)
+    assert done.returncode == 0
+    assert (tmp_path / "out" / "result.json").exists()
 
 
 def test_a_worker_answers_prints_to_standard_error_and_ends_with_its_input(

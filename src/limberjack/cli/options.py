@@ -250,7 +250,7 @@ def _name_or_mapping(option: str, text: str) -> str | dict[str, object]:
             text = read_regular(path).decode()
         except (OSError, ValueError) as error:  # no UTF-8, too
             raise ValueError(f"{option} {path} cannot be read: {error}") from None
-    elif not text.startswith("{"):
+    elif not text.lstrip().startswith("{"):
         return text
     try:
         content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)

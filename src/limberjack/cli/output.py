@@ -50,7 +50,7 @@ __all__ = [
 FAILED = 1
 MISUSED = 2
 
-_PIPE_WIDTH = 200  # columns without a terminal, so that no row is broken
+_WIDTH = 1000  # characters of a line; a narrow terminal continues it, and no digit is left out
 
 
 def search_working_directory(policy: str, names: Iterable[str] = ()) -> None:
@@ -111,8 +111,7 @@ def table(*columns: str) -> rich.table.Table:
 
 def console() -> rich.console.Console:
     """Standard output; a cell such as the file `[red].zip` is shown as it is."""
-    width = None if is_terminal(sys.stdout) else _PIPE_WIDTH
-    return rich.console.Console(width=width, markup=False, emoji=False)
+    return rich.console.Console(width=_WIDTH, markup=False, emoji=False)
 
 
 def is_terminal(stream: TextIO | None) -> bool:

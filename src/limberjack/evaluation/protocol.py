@@ -20,6 +20,7 @@ run has no policy, or one that does not fit, is left out of all means, and liste
 import concurrent.futures
 import contextlib
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -247,8 +248,8 @@ def _chosen(task_set: Tasks, runs: object) -> tuple[TaskSet, list[object]]:
     given = list(runs) if isinstance(runs, list | tuple) else [runs]
     if not given:
         raise ValueError("there are no runs; expected at least one policy")
-    named = [run for run in given if isinstance(run, str)]
-    twice = [run for run in named if named.count(run) > 1]
+    pairs = itertools.combinations(given, 2)
+    twice = [one for one, other in pairs if one is other or (isinstance(one, str) and one == other)]
     if twice:
         raise ValueError(
             f"run {twice[0]!r} occurs twice; expected each once: equal scores add none"

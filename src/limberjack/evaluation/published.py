@@ -88,7 +88,7 @@ def scores(domain: str | None = None, task: str | None = None) -> tuple[Publishe
       ValueError: the suite has no such domain or task.
     """
     found = [score for score in _scores() if domain in (None, score.domain)]
-    if domain is not None:
+    if (domain, task) != (None, None):
         _check(domain, task)
     return tuple(score for score in found if task in (None, score.task))
 
@@ -113,19 +113,19 @@ def best(domain: str, task: str, steps: int | None) -> PublishedScore | None:
     return max(matching, key=lambda score: score.mean, default=None)
 
 
-def _check(domain: str, task: str | None) -> None:
-    """Raises ValueError unless the file knows the domain, and the task if there is one."""
+def _check(domain: str | None, task: str | None) -> None:
+    """Raises ValueError unless the file knows the domain and the task, where they are named."""
     known = [(score.domain, score.task) for score in _scores()] + list(none_found())
     domains = dict.fromkeys(one for one, _ in known)
-    if domain not in domains:
+    if domain is not None and domain not in domains:
         raise ValueError(
             f"no domain {domain!r} among the suite's published scores; expected one of "
             f"{', '.join(domains)}.{did_you_mean(domain, domains)}"
         )
-    tasks = dict.fromkeys(name for one, name in known if one == domain)
+    tasks = dict.fromkeys(name for one, name in known if domain in (None, one))
     if task is not None and task not in tasks:
         raise ValueError(
-            f"{domain} has no task {task!r}; expected one of {', '.join(tasks)}."
+            f"{domain or 'the suite'} has no task {task!r}; expected one of {', '.join(tasks)}."
             f"{did_you_mean(task, tasks)}"
         )
 

@@ -22,7 +22,7 @@ from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.access import Access, find_address
 from limberjack.viewer.panel import Weigh, Worded
-from limberjack.viewer.session import NO_POLICY, Act, Begin, Plan, Session, idle
+from limberjack.viewer.session import NO_POLICY, TERMINAL, Act, Begin, Plan, Session, idle
 from limberjack.viewer.shown import AUTO, Viewed
 
 if TYPE_CHECKING:
@@ -268,6 +268,8 @@ class Plans:
         """
         if self._planner is None:
             raise ValueError("no planner acts; choose the policy 'planner' first")
+        if term == TERMINAL:
+            raise ValueError("what is terminal has no weight: it is added to the terms' sum")
         self._planner.cost.weigh(term, weight)
         self._weights[term] = weight
 

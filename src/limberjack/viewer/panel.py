@@ -19,7 +19,7 @@ from types import ModuleType
 import numpy as np
 
 from limberjack.utils.seeds import SEEDS
-from limberjack.viewer.session import Actuator, Plan, Session, Status
+from limberjack.viewer.session import TERMINAL, Actuator, Plan, Session, Status
 from limberjack.viewer.shown import QUALITIES
 
 __all__ = ["Panel", "Weigh", "Wish", "Worded"]
@@ -245,6 +245,8 @@ class Panel:
         self, weigh: Weigh, terms: Iterable[str], weights: Mapping[str, float]
     ) -> None:
         for name in terms:
+            if name == TERMINAL:  # which has no weight
+                continue
             weight = weights.get(name, 1.0)
             before = self._weights.setdefault(name, weight) or 1.0
             label, most = f"{name}##weight", _HEAVIEST * before

@@ -32,6 +32,7 @@ from limberjack.viewer.shown import AUTO, Shown, Viewed
 
 __all__ = [
     "NO_POLICY",
+    "TERMINAL",
     "Act",
     "Actuator",
     "Begin",
@@ -43,6 +44,7 @@ __all__ = [
 ]
 
 NO_POLICY = "none"  # name of `idle`, whose action a person may set
+TERMINAL = "terminal"  # the entry of a plan's terms that has no weight
 
 Act = Callable[[dm_env.TimeStep], object]  # to an action, which the environment checks
 # Begins an episode: takes the environment, which has been reset, and the episode's seed, or its
@@ -163,6 +165,7 @@ class Session:
         self._seed = seed
         self._clock = clock
         self._plan = plan
+        self._plan_before: Plan | None = None  # of a policy that acted before
         self._last_look = clock()
         self._due = 0.0  # simulated seconds that have not been stepped
         self._paused = False
@@ -268,6 +271,7 @@ class Session:
         before, self._policy = self._policy, policy
         try:
             self._begin_policy()
+            self._plan_before = self._plan()
         except Exception as error:
             self._policy = before
             if not isinstance(error, PolicyError):
@@ -406,7 +410,7 @@ class Session:
             note=self._ending or self._note,
             policy=self._policy,
             action=self._shown_action(),
-            plan=self._plan(),
+            plan=None if (plan := self._plan()) is self._plan_before else plan,
             quality=self.shown.quality,
         )
 

@@ -25,7 +25,8 @@ from limberjack.rl.builds import Build, takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.sources import defined_in, hash_of_module, hash_of_source, imported
-from limberjack.worlds import World
+from limberjack.utils.suggest import check_names
+from limberjack.worlds import OPTIONS, World
 
 __all__ = ["Factory", "Make", "factory_of"]
 
@@ -146,6 +147,7 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None, world: World
     more = {} if time_limit is None else {"time_limit": time_limit}
     if world is not None and not isinstance(world, Mapping):
         raise TypeError(f"world is {world!r}; expected a mapping, such as {{'faults': 'easy'}}")
+    check_names("world has no option", world or {}, OPTIONS)
     of_environment = dict(world) if world else None
 
     def make(seed: int) -> dm_env.Environment:

@@ -95,6 +95,8 @@ def _private_streams() -> tuple[BinaryIO, BinaryIO]:
     units = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
     # A process that a policy forks must not keep the pipe open: the driver would wait for its end.
     os.register_at_fork(after_in_child=answers.close)
+    if sys.stderr is None:  # closed before the program began
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115 (for as long as the process lasts)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())

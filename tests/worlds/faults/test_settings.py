@@ -4,6 +4,7 @@ import json
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack.worlds.faults.settings import PRESETS, Delay, Fault, Faults, Noise, Perturbation
@@ -46,6 +47,15 @@ def test_settings_are_read_as_they_were_written(name: str) -> None:
     assert Faults.of(found) is found
 
 
+def test_numbers_of_numpy_are_taken_as_those_of_python() -> None:
+    given = {"dummies": np.int64(3), "dropped": {"actions": {"probability": np.float32(0.5)}}}
+    expected = {"dummies": 3, "dropped": {"actions": {"probability": 0.5}}}
+    assert Faults.of(given) == Faults.of(expected)
+    assert type(Faults.of(given).dummies) is int
+    with pytest.raises(ValueError, match="expected a whole number, 1 to 1000000000"):
+        Faults.of({"stuck": {"actions": {"steps": 10**30}}})
+
+
 def test_a_mapping_changes_a_preset_and_keeps_the_rest() -> None:
     found = Faults.of({"preset": "hard", "delay": {"rewards": 0}, "clear_at_reset": False})
     assert found.delay.rewards == 0
@@ -74,7 +84,7 @@ def test_a_mapping_changes_a_preset_and_keeps_the_rest() -> None:
         ({"noise": {"actions": float("nan")}}, ValueError, "is nan; expected a number, 0.0 or mo"),
         ({"noise": {"actions": float("inf")}}, ValueError, "is inf; expected a number"),
         ({"repetition": {"probability": 1.1}}, ValueError, "is 1.1; expected a number, 0.0 to 1"),
-        ({"repetition": {"steps": 0}}, ValueError, "is 0; expected a whole number, 1 or more"),
+        ({"repetition": {"steps": 0}}, ValueError, "is 0; expected a whole number, 1 to 1000000000"),
         ({"clear_at_reset": 1}, TypeError, "is 1; expected a bool"),
         ({"perturbation": 3}, TypeError, r"\['perturbation'\] is 3; expected a mapping of parame"),
         ({"perturbation": {"schedule": "sow"}}, ValueError, "schedule of a perturbation is 'sow'"),

@@ -12,6 +12,7 @@ https://github.com/google-research/realworldrl_suite, commit be7a51c.
 
 import dataclasses
 import math
+import numbers
 import typing
 from collections.abc import Mapping
 
@@ -71,7 +72,7 @@ class Fault:
     """A fault that begins at random, and lasts."""
 
     probability: float = _number(0.0, 0.0, 1.0)  # to begin in a control step without one
-    steps: int = _number(1, 1)  # that it lasts
+    steps: int = _number(1, 1, 10**9)  # that it lasts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,13 +220,14 @@ def _checked_number(
     given: object, is_whole: bool, path: str, limits: Mapping[str, object]
 ) -> float:
     kind = "whole number" if is_whole else "number"
-    if not isinstance(given, int if is_whole else int | float) or isinstance(given, bool):
+    of_kind = numbers.Integral if is_whole else numbers.Real
+    if not isinstance(given, of_kind) or isinstance(given, bool):
         raise TypeError(f"{path} is {given!r}; expected a {kind}")
     lowest, highest = typing.cast(tuple[float, float], limits.get("range", (-math.inf, math.inf)))
     if not (lowest <= given <= highest and math.isfinite(given)):
         bounds = f"{lowest} or more" if highest == math.inf else f"{lowest} to {highest}"
         raise ValueError(f"{path} is {given!r}; expected a {kind}, {bounds}")
-    return given if is_whole else float(given)
+    return int(given) if is_whole else float(given)
 
 
 def _combined(
