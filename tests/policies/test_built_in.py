@@ -79,3 +79,18 @@ def test_random_actions_of_an_unlimited_actuator_lie_between_minus_1_and_1() -> 
     actions = np.array([act({}) for _ in range(200)])
     assert -1 <= actions.min() < -0.9
     assert 0.9 < actions.max() <= 1
+
+
+def test_a_cost_whose_source_cannot_be_read_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    environment = suite.load("manipulator", "bring_ball", {"random": 0})
+    missing = FileNotFoundError(2, "No such file or directory", "<stdin>")
+    monkeypatch.setattr("limberjack.policies.built_in.hash_of_files", _raising(missing))
+    with pytest.raises(policies.PolicyError, match=r"cost cannot be read .*stdin.*: define it in"):
+        policies.find("planner", environment)
+
+
+def _raising(error: Exception) -> Any:
+    def fail(*given: object) -> None:
+        raise error
+
+    return fail

@@ -99,6 +99,11 @@ def planner(
             sha256 = hash_of_files(sources_for(vectorisable(environment).task))
         except ValueError as error:
             raise PolicyError(f"policy {PLANNER!r}: {error}") from error
+        except (OSError, TypeError) as error:  # of a cost that a notebook or `python -c` defines
+            raise PolicyError(
+                f"policy {PLANNER!r}: the source of the task's cost cannot be read ({error}): "
+                "define it in a module"
+            ) from error
 
     def begin_alone(environment: dm_env.Environment, seed: int) -> Act:
         # Imported here, as only this policy needs it.

@@ -115,3 +115,5 @@ def _receive(units: BinaryIO, messages: "queue.SimpleQueue[bytes]") -> None:
             messages.put(read_message(units))
         except (EOFError, OSError):
             os._exit(0)
+        except MemoryError:  # else the main thread would wait for the message for ever
+            os._exit(OUT_OF_MEMORY)
