@@ -233,7 +233,7 @@ def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(
         ([*_RUN[:3], "--time-limit", "-1"], "time_limit is -1.0; expected a positive number"),
         ([*_RUN[:3], "--time-limit", "nan"], "time_limit is nan; expected a positive number"),
         ([*_RUN[:3], "--time-limit", "inf"], "time-limit is inf; expected a number of seconds"),
-        ([*_RUN, "--seeds", "4294967295:4294967297"], "expected numbers up to 4294967296"),
+        ([*_RUN, "--seeds", "4294967295:4294967297"], "expected numbers up to 4294967295"),
         ([*_RUN, "--seeds", "3", "--episodes", "2"], "--episodes is 2, but --seeds 3 holds 1"),
         (["run"], "got no task; expected DOMAIN TASK, or --env MODULE:FUNCTION"),
         ([*_RUN, "--action-repeat", "2", "--policy", "planner"], "'planner' acts at every control"),

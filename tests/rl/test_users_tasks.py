@@ -378,7 +378,7 @@ def test_iterators_and_buffers_are_compared_by_their_place_and_content() -> None
         (lambda: enumerate([1, 2]), next),
         (lambda: bytearray(2), lambda value: value.append(1)),
     ):
-        value = make()
+        value: Any = make()
         before = Frozen()(value)
         change(value)
         assert Frozen()(value) != before

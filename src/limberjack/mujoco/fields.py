@@ -110,10 +110,13 @@ def _declared(struct_name: str) -> dict[str, tuple[str | None, str | None]]:
     Fields of MjData from `contact` on lie in its arena, where they move between steps: theirs are
     unnamed.
     """
+    from mujoco.introspect.ast_nodes import StructFieldDecl
     from mujoco.introspect.structs import STRUCTS  # takes 16 ms; not every program uses names
 
     found = {}
     for field in STRUCTS[struct_name.replace("Mj", "mj")].fields:
+        if not isinstance(field, StructFieldDecl):  # a union without a name
+            continue
         if field.name == "contact":
             break
         sizes = getattr(field, "array_extent", None) or ()

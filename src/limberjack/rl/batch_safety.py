@@ -415,6 +415,8 @@ class _Trial:
             with self._hook("get_reward", task, watch), np.errstate(under="ignore"):
                 reward, terms = reward_and_terms(task, read)
             seen["the reward"] = reward
+            if is_batch and all(np.shape(one) == () for one in (reward, *terms.values())):
+                self._of_all_rows["the reward"] = functools.partial(reward_and_terms, task)
             seen |= {f"reward term {name!r}": value for name, value in terms.items()}
             with explained("is_success", self._name, self._num_rows, is_batch):
                 success = success_of(task, terms)
@@ -435,8 +437,6 @@ class _Trial:
             seen["get_termination"] = np.nan if ending is None else ending
             if is_batch:
                 self._late.after_hooks()
-                if all(np.shape(one) == () for one in (reward, *terms.values())):
-                    self._of_all_rows["the reward"] = functools.partial(reward_and_terms, task)
                 if ending is not None and np.shape(ending) == ():
                     self._of_all_rows["get_termination"] = task.get_termination
         if not is_batch:

@@ -175,8 +175,8 @@ def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
     kept = {id(owner): dict(attributes) for owner, attributes in _owned(task, physics)}
     stay = (task, physics, *getattr(physics, "__dict__", {}).values())
     memo: dict[int, object] = {id(one): one for one in stay}
-    simulation: Any = getattr(physics, "simulation", None)  # of a physics of MuJoCo
-    state = None if simulation is None else simulation.get_state(STATE)
+    simulation: Any = getattr(physics, "simulation", None)  # which one of MuJoCo has
+    state: Any = None if simulation is None else simulation.get_state(STATE)
     try:
         for owner, attributes in _owned(task, physics):
             methods = set(_shadowed(type(owner), attributes))
@@ -190,7 +190,7 @@ def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
                 delattr(owner, name)
             for name, value in kept[id(owner)].items():
                 object.__setattr__(owner, name, value)
-        if state is not None and simulation.get_state(STATE).tobytes() != state.tobytes():
+        if simulation is not None and simulation.get_state(STATE).tobytes() != state.tobytes():
             simulation.set_state(state, STATE)
 
 

@@ -344,11 +344,12 @@ def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None
     return row
 
 
-def sizes_of(environment: dm_env.Environment) -> tuple[int | None, int | None]:
+# Any: an environment of a user, whose specs may have any form.
+def sizes_of(environment: Any) -> tuple[int | None, int | None]:
     """Numbers of an action and of an observation; None for specs of another form."""
     found: list[int | None] = []
     for spec in environment.action_spec(), environment.observation_spec():
-        parts: list[object] = [*spec.values()] if isinstance(spec, Mapping) else [spec]
+        parts = [*spec.values()] if isinstance(spec, Mapping) else [spec]
         arrays = [part for part in parts if isinstance(part, specs.Array)]
         is_known = len(arrays) == len(parts)
         found.append(sum(math.prod(array.shape) for array in arrays) if is_known else None)

@@ -223,11 +223,13 @@ def _checked_number(
     of_kind = numbers.Integral if is_whole else numbers.Real
     if not isinstance(given, of_kind) or isinstance(given, bool):
         raise TypeError(f"{path} is {given!r}; expected a {kind}")
+    # Any: of a type of NumPy, or of Python.
+    number: typing.Any = given
     lowest, highest = typing.cast(tuple[float, float], limits.get("range", (-math.inf, math.inf)))
-    if not (lowest <= given <= highest and math.isfinite(given)):
+    if not (lowest <= number <= highest and math.isfinite(number)):
         bounds = f"{lowest} or more" if highest == math.inf else f"{lowest} to {highest}"
         raise ValueError(f"{path} is {given!r}; expected a {kind}, {bounds}")
-    return int(given) if is_whole else float(given)
+    return int(number) if is_whole else float(number)
 
 
 def _combined(
