@@ -76,6 +76,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (" and imgui.GetIO().KeyShift:", ":"),
     ],
     "viewer/session.py": [
+        ("            self._plan_before = self._plan()\n", ""),
         ("self._seed = seed - self._episodes\n", "self._seed = seed\n"),
         ("with stand_in(task, physics):", "if True:"),
         (
@@ -124,11 +125,15 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "worlds/faults/settings.py": [
         ("Fault(0.05, 5), 2, 20)", "Fault(0.05, 5), 1, 20)"),
         ('    check_names(f"{where} has no", changes, fields)\n', ""),
-        ("if not (lowest <= given <= highest and", "if not (lowest <= given and"),
+        ("if not (lowest <= number <= highest and", "if not (lowest <= number and"),
         ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
     ],
     "training/folder.py": [
-        ("{**_LATER, **found}.get(name) for name in identity", "found[name] for name in found"),
+        ("    if difference is None and not (directory / POLICY).exists():\n", "    if False:\n"),
+        (
+            "kept = {name: found.get(name) for name in identity}",
+            "kept = {name: found[name] for name in found}",
+        ),
         ("        except OSError:  # of a file that may be whole\n            raise\n", ""),
     ],
     "worlds/faults/memory.py": [
@@ -217,6 +222,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return self._begins.copy()", "return self._begins"),
     ],
     "rl/batch.py": [
+        ("        apart = self._apart(going_on)\n", "        apart = self._apart(None)\n"),
+        ("            apart = self._apart(stepped)\n", "            apart = None\n"),
+        ("            simulation.state[apart.rows] = apart.state\n", ""),
         ("                streams.beside[row] = stream_beside(own)\n", "                pass\n"),
         (
             "self.diverged[rows] = False\n        return self._counter",
@@ -351,10 +359,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    if len(set(checked)) < len(checked):\n", "    if False:\n"),
     ],
     "rl/builds.py": [
-        (
-            "        return type(value), [_comparable(one, depth - 1) for one in value]\n",
-            "        return type(value)\n",
-        ),
+        ("    if _has_other_streams(one) or settings", "    if settings"),
+        ("attributes_of(task), attributes_of(physics), ours", "attributes_of(task), {}, ours"),
+        ("openings.append((_settings(env, _name_of)", "openings.append((_settings(env)"),
         ("self.attributes[name] = copy.deepcopy(value)", "self.attributes[name] = value"),
         ("            put_back(self._first, plain.task, plain.physics)\n", ""),
         (" and (keeps_model or numbers_of(plain) == self._numbers):", ":"),
@@ -364,11 +371,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            if _stream(again) != stream:\n", "            if False:\n"),
         ("        for another in others:\n", "        for another in others[1:]:\n"),
         ("    return _stream(one) == _stream(other)\n", "    return True\n"),
-        ("append((_settings(env), _start(env), _opening(env)))", "append(_start(env))"),
+        ("append((_settings(env, _name_of), _start(env), _opening(env)))", "append(_start(env))"),
         ("        if not takes_a_seed(make, alone=False):\n", "        if False:\n"),
         ("    with contextlib.suppress(PhysicsError):\n", "    if True:\n"),
     ],
     "rl/memory.py": [
+        ('            parts["environment"] = one\n', "            pass\n"),
+        ("        if keeping is not None:\n", "        if False:\n"),
+        ("            simulation.set_state(state, STATE)\n", "            pass\n"),
         ("        for name in _kept(task, physics)[key]:\n", "        for name in ():\n"),
         ("    memory = copy.deepcopy(dict(memory), memo)\n", ""),
         ("parts[name] if name in parts else getattr(physics, name", "getattr(physics, name"),
@@ -380,6 +390,22 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    of_task |= {n: v for n, v in cached if", "    _ = {n: v for n, v in cached if"),
         ("        return _OwnMethod(self, name)  # a", "        raise AttributeError(name)  # a"),
         ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),
+    ],
+    "rl/frozen.py": [
+        ("        attributes = attributes_of(value)\n", "        attributes = {}\n"),
+        ("parts = cells_of(value), vars(value), defaults", "parts = (vars(value), defaults)"),
+        ("sorted(repr(self(part)) for part in value)", "[]"),
+        ("type(value).__qualname__, value.name", "type(value).__qualname__"),
+        ("return type(value), bytes(value)", "return type(value)"),
+        ("return self(given), [self(part) for part in state]", "return self(given)"),
+    ],
+    "suite/_registration.py": [
+        ("            del self._DOMAINS[domain]\n", "            pass\n"),
+    ],
+    "policies/actors.py": [
+        ("if len(np.unique(places)) < len(places):", "if False:"),
+        ("spec.dtype if whole else np.float64", "np.float64"),
+        ("        if len(actions) > ROWS:\n", "        if len(actions) > 1000:\n"),
     ],
     "rl/watch.py": [
         ("        return tuple(value)\n    return None", "        return ()\n    return None"),
@@ -407,6 +433,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("stream_beside(stream, _OWN).uniform()", "stream_beside(stream).uniform()"),
     ],
     "rl/batch_safety.py": [
+        ("        trial.check_constants()\n", ""),
+        ("    if physics.replaced:\n", "    if False:\n"),
         ("        if is_view or reaches(value, targets):\n", "        if is_view:\n"),
         (
             "        if is_view or reaches(value, targets):\n",
@@ -424,6 +452,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        self._memory.load(np.arange(self._num_rows), self._starts)\n", ""),
     ],
     "rl/control.py": [
+        (
+            "            before.set_state(stream.get_state(legacy=False))",
+            "            before = stream",
+        ),
         ("        if type(self) is Environment:\n", "        if True:\n"),
         ("return getattr(Environment, name).of(env)", "return getattr(env, name)"),
         ('replace(self._ours, use=OneUser("environment"))', "replace(self._ours)"),
@@ -759,6 +791,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("io.SEEK_CUR: self._position", "io.SEEK_CUR: self._first"),
     ],
     "episodes/writing.py": [
+        ("    check_name(path, file.seeds)\n", ""),
         ("        if part.stop <= reached:", "        if part.stop < reached:"),
         ("runs[-1][1:] == (part.start, len(part))", "runs[-1][1] == part.start"),
         ("return exists(self.folder / PARTS / self.probe)", "return True"),
@@ -951,8 +984,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("np.clip(x, -self.card.clip, self.card.clip)", "np.clip(x, 0.0, self.card.clip)"),
         (
-            "    for name, shape in layout:\n",
-            "    for name, shape in sorted(layout):\n",
+            "(np.asarray(observations[name]) for name, _ in layout)",
+            "(np.asarray(observations[name]) for name, _ in sorted(layout))",
         ),
         ("np.where(least < low, np.nextafter(least, np.float32(np.inf)), least)", "least"),
         ("np.isfinite(weight).all() and np.isfinite(bias).all()", "np.isfinite(weight).all()"),
@@ -996,10 +1029,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not _dynamic(None, self.background):", "if True:"),
     ],
     "training/settings.py": [
+        ("        if not math.isclose(updates,", "        if False and not math.isclose(updates,"),
         ("_is_count(value, MOST_ROWS)", "_is_count(value)"),
         ("return above < value < below", "return above <= value <= below"),
     ],
     "policies/networks.py": [
+        ("if joined in ([*has], [*takes]) or _is_flat(card.layout):", "if True:"),
+        ("policy.with_layout(_flat_layout(environment)) if", "policy.with_layout(here) if"),
         ("if next(steps) % count == 0:", "if next(steps) % count == 1:"),
         ("return 1 if own == demanded else demanded", "return demanded"),
         ("        setattr(owner, field, np.zeros_like(getattr(owner, field)))\n", ""),
@@ -1245,7 +1281,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             '        if callable(field):\n            raise AttributeError(f"a batch has no data',
             '        if False:\n            raise AttributeError(f"a batch has no data',
         ),
-        ("return copy_of(self._model)", "return self._model"),
+        ("return copy_of(self._official)", "return self._official"),
         (
             "            vars(self)[name] = field  # c",
             "            vars(self)[name] = field.copy()  # c",
@@ -1282,6 +1318,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("fields.ACTUATORS[size_name]).ravel()", 'fields.ACTUATORS["na"]).ravel()'),
     ],
     "mujoco/engine.py": [
+        ('names = ("step", "after_reset", "reset_context", *parts)', "names = parts"),
+        (
+            "        if self._replaces_parts_of_step:\n            with",
+            "        if False:\n            with",
+        ),
         ("            np.copyto(item, part)\n", "            np.copyto(item, part[..., :1])\n"),
         ("        if state.shape != shape:", "        if state.size != np.prod(shape):"),
         ("            self._reload_exactly(simulation.data)\n", "            pass\n"),
@@ -1352,6 +1393,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("(np.arange(wanted) + 0.5)", "np.arange(wanted)"),
     ],
     "mujoco/wrapper/sharing.py": [
+        ("        return self.ptr\n", "        return self._official\n"),
         ("        return copy_of(self.light)\n\n", "        return self.light\n\n"),
         ("    _last_used.pop(source, None)\n", ""),
         ("in kept[:-1]:", "in kept:"),
@@ -1391,7 +1433,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "mujoco/wrapper/model.py": [
         ("opt.disableflags = before | bits", "opt.disableflags = bits"),
-        ("self._shared or copy_of(self._model)", "self._shared or self._model"),
+        ("self._shared or copy_of(self._official)", "self._shared or self._official"),
         ("not last.is_of(check_model)", "False"),
     ],
     "mujoco/wrapper/visual.py": [
