@@ -202,7 +202,7 @@ def test_a_shard_without_episodes_writes_nothing(tmp_path: Path) -> None:
         (["--workers", "2", "--time-limit", "0.1"], "whose time_limit is 0.05 and 0.1: choose"),
         (["--time-limit", "inf"], "--time-limit is inf; expected a number of seconds"),
         (["--shard", "2/1"], "--shard is '2/1'; expected K/N with K from 1 to N"),
-        (["--seeds", "4294967295:4294967297"], "expected numbers up to 4294967296"),
+        (["--seeds", "4294967295:4294967297"], "expected numbers up to 4294967295"),
     ],
 )
 def test_what_cannot_be_played_is_one_line_and_status_2(
