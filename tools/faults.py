@@ -377,8 +377,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "rl/memory.py": [
         ('            parts["environment"] = one\n', "            pass\n"),
-        ("        if keeping is not None:\n", "        if False:\n"),
-        ("            simulation.set_state(state, STATE)\n", "            pass\n"),
+        ("        if counts_in_closure(one):\n", "        if False:\n"),
+        (
+            "                simulation.set_state(state, simulation.WHOLE)\n",
+            "                pass\n",
+        ),
         ("        for name in _kept(task, physics)[key]:\n", "        for name in ():\n"),
         ("    memory = copy.deepcopy(dict(memory), memo)\n", ""),
         ("parts[name] if name in parts else getattr(physics, name", "getattr(physics, name"),

@@ -97,7 +97,7 @@ def test_seeds_may_be_given_by_their_range_their_number_or_both(
         (["--seeds", "five"], "--seeds is 'five'; expected A:B, such as 0:100"),
         (["--seeds", "-1:5"], "--seeds is '-1:5'; expected A:B"),
         (["--seeds", "5:5"], "--seeds is 5:5, which holds no seed; expected A:B with A below B"),
-        (["--seeds", "0:4294967297"], "expected numbers up to 4294967296"),
+        (["--seeds", "0:4294967297"], "expected numbers up to 4294967295"),
         (
             ["--episodes", "101", "--seeds", "0:100"],
             "--episodes is 101, but --seeds 0:100 holds 100: give more seeds",

@@ -37,6 +37,7 @@ _ACROSS = {
     "planner/test_planner_benchmark.py",
     "planner/test_sleep.py",
     "rl/test_action_repeat.py",
+    "rl/test_users_tasks.py",
     "rl/test_batch_rendering.py",
     "rl/test_batch_time_steps.py",
     "rl/test_row_time_steps.py",

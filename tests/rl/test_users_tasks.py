@@ -7,7 +7,6 @@ import collections
 import dataclasses
 import enum
 import functools
-import itertools
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -298,7 +297,7 @@ def test_a_task_that_knows_its_environment_knows_it_after_a_restore() -> None:
 def test_a_class_that_keeps_a_count_is_not_copied() -> None:
     env = _counting(0)
     for use in (env.snapshot, lambda: batch_of(env, 2, 1, seed=0)):
-        with pytest.raises(TypeError, match=r"keeps what it assigns to, which (copies|a copy)"):
+        with pytest.raises(TypeError, match="assigns to variables of"):
             use()
 
 
@@ -366,24 +365,6 @@ def test_a_look_at_the_observation_leaves_no_trace_in_the_simulation() -> None:
     for _ in range(3):
         steps = [one.step(np.zeros(1)) for one in (env, twin)]
         assert _bits(steps[0].observation["mean"]) == _bits(steps[1].observation["mean"])
-
-
-def test_iterators_and_buffers_are_compared_by_their_place_and_content() -> None:
-    from limberjack.rl.frozen import Frozen
-
-    for make, change in (
-        (lambda: iter([1, 2, 3]), next),
-        (lambda: itertools.cycle([1, 2]), next),
-        (lambda: itertools.chain([1], [2]), next),
-        (lambda: enumerate([1, 2]), next),
-        (lambda: bytearray(2), lambda value: value.append(1)),
-    ):
-        value: Any = make()
-        before = Frozen()(value)
-        change(value)
-        assert Frozen()(value) != before
-    value = iter([1, 2, 3])
-    assert Frozen()(value) == Frozen()(value)
 
 
 def test_what_a_function_draws_for_a_seed_makes_it_unstable() -> None:

@@ -45,6 +45,7 @@ _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
 class SingleSimulation(CountsWarnings):
     """One simulation; see `limberjack.mujoco.simulation.Simulation`."""
 
+    WHOLE = STATE  # signature, for `get_state`, of everything that a time step depends on
     num_envs: int | None = None
     sets_constants = False
     look: Look | None = None  # with which pictures are drawn; None for that of the model

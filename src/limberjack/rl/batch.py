@@ -282,7 +282,7 @@ class BatchEnvironment(Batch):
         return self._faults is not None or not self._is_proved
 
     def _apart(self, rows: np.ndarray | None) -> "_Apart | None":
-        """What a hook must not change: the simulations of the rows for which it does not count."""
+        """The simulations of the rows for which a hook does not count, and must change nothing."""
         others = None if rows is None or self._is_proved else np.flatnonzero(~rows)
         if others is None or not others.size:
             return None

@@ -18,6 +18,8 @@ The rows are compared once more a few steps later, after one row has begun anoth
 another row has not been stepped. The suite's own tasks skip the check, which a test makes for all
 of them. A change that a task makes only in later steps is found by `BatchEnvironment` as it
 happens, if at all.
+
+It is one idea, and long: each look at the rows needs the task, the simulations and their starts.
 """
 
 import contextlib

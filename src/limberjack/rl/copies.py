@@ -22,6 +22,7 @@ from limberjack.rl.references import (
     STREAMS,
     Assigned,
     attributes_of,
+    counts_in_closure,
     is_live,
     kept_by,
     local_methods,
@@ -217,12 +218,10 @@ def _why_shared(value: object, targets: set[int], may_share: bool) -> str | None
             return f"is a function that keeps {kept}, which copies would share"
     elif isinstance(value, weakref.ref | type) and reaches(value, targets):
         return "refers to the environment itself"
-    methods = local_methods(value)
-    if any(reaches(one, targets) for one in methods):
+    if any(reaches(one, targets) for one in local_methods(value)):
         return f"is a {type(value).__name__}, whose class uses the environment itself"
-    kept = None if may_share else next(filter(None, map(kept_by, methods)), None)
-    if kept is not None:
-        return f"is a {type(value).__name__}, whose class keeps {kept}, which copies would share"
+    if not may_share and counts_in_closure(value):
+        return f"is a {type(value).__name__}, whose class assigns to variables of a function"
     return None
 
 

@@ -42,7 +42,7 @@ class Frozen:
         self._kept: list[object] = []
 
     def __call__(self, value: object) -> object:
-        """What is compared of a value."""
+        """The parts of a value, to be compared."""
         if isinstance(value, _ATOMS) and not isinstance(value, enum.Enum):
             return type(value), value
         if isinstance(value, float):
@@ -58,7 +58,7 @@ class Frozen:
         return self._parts(value)
 
     def _identity(self, value: object) -> object:
-        """What tells an object from others, besides its parts."""
+        """A value that tells an object from others, besides its parts."""
         return id(value)
 
     def _stream(self, stream: object) -> object:

@@ -26,9 +26,9 @@ from limberjack.rl.references import (
     Assigned,
     attributes_of,
     cached_of,
+    counts_in_closure,
     is_live,
     kept_by,
-    local_methods,
     reachable,
     reaches,
 )
@@ -101,12 +101,11 @@ def _check_complete(
     """Raises TypeError if copies of attributes would share or lose what they keep."""
     own = _ids_of(task, physics)
     for one in (task, physics):
-        keeping = next(filter(None, (kept_by(part, own) for part in local_methods(one))), None)
-        if keeping is not None:
+        if counts_in_closure(one):
             raise TypeError(
-                f"class {type(one).__name__} has a function that keeps {keeping}, which a copy "
-                "would not: keep it in an attribute of the task, so that copies and snapshots "
-                "contain it"
+                f"class {type(one).__name__} assigns to variables of the function that defines it, "
+                "which copies would share: keep them in attributes of the task, so that copies and "
+                "snapshots contain them"
             )
     for owner, attributes in kept.items():
         for name, value in attributes.items():
@@ -170,13 +169,12 @@ def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
     if is_of_the_suite(task, physics):
         yield task
         return
-    from limberjack.mujoco.simulation import STATE  # which imports this module
-
     kept = {id(owner): dict(attributes) for owner, attributes in _owned(task, physics)}
     stay = (task, physics, *getattr(physics, "__dict__", {}).values())
     memo: dict[int, object] = {id(one): one for one in stay}
-    simulation: Any = getattr(physics, "simulation", None)  # which one of MuJoCo has
-    state: Any = None if simulation is None else simulation.get_state(STATE)
+    # Any: a physics of MuJoCo has it.
+    simulation: Any = getattr(physics, "simulation", None)
+    state = b"" if simulation is None else simulation.get_state(simulation.WHOLE)
     try:
         for owner, attributes in _owned(task, physics):
             methods = set(_shadowed(type(owner), attributes))
@@ -190,8 +188,10 @@ def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
                 delattr(owner, name)
             for name, value in kept[id(owner)].items():
                 object.__setattr__(owner, name, value)
-        if simulation is not None and simulation.get_state(STATE).tobytes() != state.tobytes():
-            simulation.set_state(state, STATE)
+        if simulation is not None:
+            now = simulation.get_state(simulation.WHOLE)
+            if bytes(now) != bytes(state):
+                simulation.set_state(state, simulation.WHOLE)
 
 
 def _owned(task: object, physics: object) -> list[tuple[object, dict[str, object]]]:

@@ -28,6 +28,7 @@ __all__ = [
     "attributes_of",
     "cached_of",
     "cells_of",
+    "counts_in_closure",
     "is_live",
     "kept_by",
     "local_methods",
@@ -200,6 +201,12 @@ def is_live(value: object) -> bool:
 def local_methods(value: object) -> list[object]:
     """The functions of the classes of an object that a function defines, with their closures."""
     return [part for cls in type(value).__mro__ for part in _of_local_class(cls)]
+
+
+def counts_in_closure(value: object) -> bool:
+    """Whether the class of an object, which a function defines, assigns to enclosed variables."""
+    functions = (one for one in local_methods(value) if isinstance(one, types.FunctionType))
+    return any(one.__code__.co_freevars and _writes(one.__code__) for one in functions)
 
 
 def _of_local_class(cls: type) -> list[object]:

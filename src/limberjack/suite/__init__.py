@@ -33,12 +33,12 @@ from limberjack.rl.streams import set_forgotten_fields
 from limberjack.suite import many
 from limberjack.suite._registration import (
     Domains,
-    SuiteModule,
     find,
     find_installed,
     register,
     registration_of,
     require,
+    take_another_mapping,
     unregister,
 )
 from limberjack.utils.keywords import keywords, with_keywords
@@ -73,7 +73,7 @@ _NO_VISUALIZATION = "no_reward_visualization"  # dm_control's tag
 _OF_TASKS = ("physics", "task", "time_limit")  # arguments of an environment that tasks give it
 
 _DOMAINS = Domains()
-importlib.import_module(__name__).__class__ = SuiteModule
+take_another_mapping(__name__)
 
 
 def _get_tasks(tag: str | None) -> _Tasks:

@@ -10,6 +10,7 @@ which also gives the episode lengths.
 import importlib
 import inspect
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from types import ModuleType
 from typing import Any
@@ -28,7 +29,6 @@ from limberjack.suite import base
 __all__ = [
     "Domains",
     "Registration",
-    "SuiteModule",
     "find",
     "find_installed",
     "register",
@@ -36,6 +36,7 @@ __all__ = [
     "require",
     "rows_of",
     "sizes_of",
+    "take_another_mapping",
     "unregister",
 ]
 
@@ -227,7 +228,7 @@ class Domains(MutableMapping[str, ModuleType]):
         return f"{type(self).__name__}({list(self)})"
 
 
-class SuiteModule(ModuleType):
+class _SuiteModule(ModuleType):
     """`limberjack.suite`, in which programs for dm_control put another dict for `_DOMAINS`."""
 
     _DOMAINS: Domains
@@ -241,6 +242,11 @@ class SuiteModule(ModuleType):
         for domain, module in value.items():
             if domain not in self._DOMAINS or self._DOMAINS[domain] is not module:
                 self._DOMAINS[domain] = module
+
+
+def take_another_mapping(name: str) -> None:
+    """Lets programs put another dict for `_DOMAINS` in a module, whose domains it takes."""
+    sys.modules[name].__class__ = _SuiteModule
 
 
 def _by_name(module: ModuleType) -> ModuleType | str:
