@@ -306,6 +306,7 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
         "recompiler",
         "recompute_constants_of",
         "render_rows",
+        "replaced",
         "replicate",
         "seen_through",
         "simulation",
