@@ -116,8 +116,9 @@ def test_a_task_that_breaks_a_law_fails_it() -> None:
 )
 def test_64_rows_on_any_number_of_threads_are_the_same(task: Task, num_threads: int) -> None:
     kwargs = _short(task)
+    num_envs = 12 if task == ("quadruped", "escape") else 64  # terrain is drawn slowly
     batches = [
-        suite.load_batch(*task, 64, threads, _SEED, task_kwargs=kwargs)
+        suite.load_batch(*task, num_envs, threads, _SEED, task_kwargs=kwargs)
         for threads in (1, num_threads)
     ]
     for batch in batches:
