@@ -4,7 +4,8 @@
     ...
     changed = Frozen()(task.__dict__) != before
 
-    same = Alike()(vars(one)) == Alike()(vars(other))   # of two objects that were made alike
+    # Of two environments that were made alike; `own` holds the ids of the parts of each.
+    same = Alike(type, own)(vars(one.task)) == Alike(type, own)(vars(other.task))
 
 Parts are copied, to any depth: elements, attributes, closures, states of random streams.
 """
@@ -124,10 +125,9 @@ class Alike(Frozen):
         """Takes what stands for the class of an object, and the ids of parts of its environment."""
         super().__init__(own)
         self._kind = kind
-        self._own = own
 
     def _identity(self, value: object) -> object:
-        if id(value) in self._own:
+        if id(value) in self._opaque:
             return "its own"
         return value if isinstance(value, type | types.ModuleType) else self._kind(value)
 
