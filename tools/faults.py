@@ -928,9 +928,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("np.minimum(error, _LARGEST_ERROR)", "error"),
         ("wanted - model.dof_damping[dofs]", "wanted"),
         ("angles + wanted / self.gain", "angles + wanted * self.gain"),
+        ("np.where(_strength(model) < 0, -1.0, 1.0)", "np.ones(model.nu)"),
     ],
     "planner/cost.py": [
         ("type(self).stage is Cost.stage and not", "not"),
+        ("(defined, inspect.unwrap(defined))", "(defined,)"),
     ],
     "planner/history.py": [
         ("array[-(self.num_envs or 1) :]", "array[: self.num_envs or 1]"),
@@ -964,7 +966,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("knot_weights(len(knots), later) @ elites", "elites"),
         ("        self._law.narrow(*open_bounds(env.action_spec()))\n", ""),
         ("    if repeat != 1:\n", "    if False:\n"),
-        ("if n not in only_perturbed)", ")"),
+        ("if name not in only_perturbed)", ")"),
         ("    physics.simulation.set_fields(faults.nominal)\n", ""),
     ],
     "planner/policy_plans.py": [

@@ -143,6 +143,16 @@ def test_a_gain_that_is_given_is_damped_by_the_model() -> None:
     assert law.noise == 0.3
 
 
+def test_a_motor_that_turns_its_joint_backwards_pushes_to_the_target() -> None:
+    model = mujoco.MjModel.from_xml_string(_ARM)
+    model.opt.gravity[:] = 0.0
+    law = ControlLaw(model, Settings(gain=4.0, damping=0.5))
+    backwards = model.actuator_gear[:, 0] < 0
+    assert backwards.sum() == 1
+    np.testing.assert_array_equal(law.gain, np.where(backwards, -4.0, 4.0))
+    np.testing.assert_array_equal(law.damping, np.where(backwards, -0.5, 0.5))
+
+
 def test_the_targets_of_controls_ask_for_these_controls() -> None:
     model = mujoco.MjModel.from_xml_string(_ARM)
     law = ControlLaw(model, Settings())

@@ -199,6 +199,28 @@ def test_a_task_may_name_a_function_whose_file_it_depends_on(
     del sys.modules["function_of_mine"]
 
 
+def test_a_task_depends_on_the_file_of_a_decorated_cost_and_on_that_of_its_decorator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "halves.py").write_text(
+        "import functools\n"
+        "def halved(cost):\n"
+        "    @functools.wraps(cost)\n"
+        "    def half(physics):\n"
+        "        return {name: term / 2 for name, term in cost(physics).items()}\n"
+        "    return half\n"
+    )
+    (tmp_path / "decorated.py").write_text(
+        "from halves import halved\n"
+        "@halved\n"
+        "def low(physics):\n    return {'height': physics.head_height()}\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    files = sources_for(SimpleNamespace(planner_cost="decorated:low"))
+    assert files[-2:] == [tmp_path / "decorated.py", tmp_path / "halves.py"]
+    del sys.modules["decorated"], sys.modules["halves"]
+
+
 def test_a_task_without_a_cost_is_told_what_to_write() -> None:
     for find in (cost_for, sources_for):
         with pytest.raises(ValueError, match="write a subclass of limberjack"):

@@ -60,6 +60,20 @@ def test_a_planner_knows_nothing_of_faults() -> None:
         assert not np.array_equal(getattr(faulty.physics.model, name), nominal)
 
 
+def test_what_starts_draw_is_planned_with_in_an_environment_with_an_attribute_too() -> None:
+    actions, targets = [], []
+    for noted in (False, True):
+        env = _load("stacker", "stack_2")
+        if noted:
+            env.note = "of mine"
+        planner = Planner(env, num_threads=1, settings=_small(env))
+        env.reset()
+        actions.append(planner.act())
+        targets.append(planner._now.named.model.body_pos["target"].copy())
+        np.testing.assert_array_equal(targets[-1], env.physics.named.model.body_pos["target"])
+    np.testing.assert_array_equal(actions[1], actions[0])
+
+
 def _measured(planner: Planner) -> None:
     """Gives a planner's budget a first measurement: of almost no time."""
     planner._budget.begin()

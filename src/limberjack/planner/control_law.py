@@ -55,12 +55,12 @@ class ControlLaw:
                 self._positions[model.jnt_qposadr[joint], actuator] = part
                 self._velocities[model.jnt_dofadr[joint], actuator] = part
         self._angles, self._rates = _picked(self._positions), _picked(self._velocities)
-        gain = _derived_gain(model, first, limits) if settings.gain is None else settings.gain
+        pushes = np.where(_strength(model) < 0, -1.0, 1.0)  # a motor may turn its joint backwards
+        given, damping = settings.gain, settings.damping
+        gain = _derived_gain(model, first, limits) if given is None else given * pushes
         self.gain: np.ndarray = np.where(self.follows, gain, 1.0)
-        damping = settings.damping
-        if damping is None:
-            damping = _derived_damping(model, first, self.gain)
-        self.damping: np.ndarray = np.where(self.follows, damping, 0.0)
+        damped = _derived_damping(model, first, self.gain) if damping is None else damping * pushes
+        self.damping: np.ndarray = np.where(self.follows, damped, 0.0)
         # A target may lie beyond a joint's limit, so that the joint is pressed against it.
         reach = self.follows / np.abs(self.gain)
         self._lowest, self._highest = ranges[:, 0] - reach, ranges[:, 1] + reach

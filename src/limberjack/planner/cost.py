@@ -236,10 +236,11 @@ def cost_for(task: object) -> Cost:
 
 
 def sources_for(task: object) -> list[Path]:
-    """Source files on which plans for a task depend, its cost's file last if outside the planner.
+    """Source files on which plans for a task depend, its cost's files last if outside the planner.
 
-    These are the modules at the planner's top level, the cost's module, and all that they import
-    from the planner's package: a change of another task's cost leaves them as they are.
+    These are the modules at the planner's top level, the cost's module, that of the function that
+    it wraps, and all that they import from the planner's package: a change of another task's cost
+    leaves them as they are.
 
     Raises:
       ValueError: see `cost_for`.
@@ -247,8 +248,9 @@ def sources_for(task: object) -> list[Path]:
     package = Path(__file__).parent.resolve()
     cost = cost_for(task)
     defined = cost.function if isinstance(cost, FunctionCost) else type(cost)
-    own = Path(inspect.getfile(defined)).resolve()  # pyright: ignore[reportArgumentType]
-    files, due = set[Path](), [*package.glob("*.py"), own]
+    named = (defined, inspect.unwrap(defined))  # a decorator may stand in another file
+    own = [Path(inspect.getfile(of)).resolve() for of in named]  # pyright: ignore[reportArgumentType]
+    files, due = set[Path](), [*package.glob("*.py"), *own]
     while due:
         file = due.pop()
         if file not in files:

@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.engine import Physics
-from limberjack.mujoco.simulation import model_fields, without_calls
+from limberjack.mujoco.simulation import without_calls
 from limberjack.planner.control_law import ControlLaw
 from limberjack.planner.cost import Cost, CostFunction, FunctionCost, cost_for, name_of
 from limberjack.planner.optimisers.base import Search
@@ -99,7 +99,7 @@ class Planner:
         self._cost = cost_for(env.task) if cost is None else cost
         self._settings = settings = self._cost.settings if settings is None else settings
         physics = _nominal_physics(env)
-        self._law = self._follower = ControlLaw(physics.model._model, settings)
+        self._law = self._follower = ControlLaw(physics.model._official, settings)
         self._law.narrow(*open_bounds(env.action_spec()))
         self._budget = Budget(max_ms, settings.samples)
         # The current state, with the environment's own motors for costs that simulate themselves.
@@ -335,7 +335,7 @@ def _fields_of_episodes(env: control.Environment) -> tuple[str, ...]:
     own = getattr(env.task, "EPISODE_FIELDS", ())
     faults = env._ours.faults
     only_perturbed = {*faults.fields} - {*own} if faults is not None else set()
-    return tuple(n for n in model_fields(env.snapshot().physics) if n not in only_perturbed)
+    return tuple(name for name in env._saved_fields() if name not in only_perturbed)
 
 
 def _name_of(stage: object) -> str:
