@@ -21,6 +21,7 @@ from limberjack.cli.process import command_line
 from limberjack.cli.progress import Steps, show_steps
 
 if TYPE_CHECKING:
+    from limberjack.data import Dataset
     from limberjack.training import Run, Settings
 
 __all__: list[str] = []
@@ -45,6 +46,13 @@ _Config = Annotated[
         metavar="FILE", help="Settings in TOML, in the place of the domain's row of the table."
     ),
 ]
+_Demonstrations = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="A dataset of the task, as `collect` writes it: half of each batch is drawn from it.",
+    ),
+]
 
 
 @command(
@@ -62,6 +70,7 @@ def _train(
     steps: _Steps = None,
     seed: _Seed = 0,
     config: _Config = None,
+    demonstrations: _Demonstrations = None,
     faults: Faults = None,
 ) -> None:
     """Train a policy with CrossQ, and write it to DIR/policy.safetensors.
@@ -92,6 +101,7 @@ def _train(
             on_progress=progress.show,
             command=command_line(),
             world=world,
+            demonstrations=_dataset(demonstrations),
         )
     _print(run)
 
@@ -103,6 +113,15 @@ def _settings(config: Path | None) -> "Settings | None":
     from limberjack.training import read_settings
 
     return read_settings(config)
+
+
+def _dataset(folder: Path | None) -> "Dataset | None":
+    """The dataset in a folder; None without one."""
+    if folder is None:
+        return None
+    from limberjack import data
+
+    return data.load(folder)
 
 
 def _done(progress: Steps, out: Path) -> str:

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limberjack.policies import mlp
+from limberjack.training.demonstrations import Demonstrations
 from limberjack.training.settings import Settings
 from limberjack.utils.requirements import missing_extra
 
@@ -38,6 +39,7 @@ try:
         import jax  # pyright: ignore[reportMissingImports]
         import sbx  # pyright: ignore[reportMissingImports]
         import tensorboard  # noqa: F401  # pyright: ignore[reportMissingImports] (used by SB3)
+        import torch  # pyright: ignore[reportMissingImports] (of SB3's batches)
         from flax import serialization  # pyright: ignore[reportMissingImports]
         from stable_baselines3.common import (  # pyright: ignore[reportMissingImports]
             buffers,
@@ -68,7 +70,14 @@ _EPSILON = 0.001  # that SBX's BatchRenorm adds to a variance
 class Learner:
     """The algorithm with its networks, optimisers, random streams and transitions."""
 
-    def __init__(self, envs: "VecEnv", settings: Settings, seed: int, folder: Path) -> None:
+    def __init__(
+        self,
+        envs: "VecEnv",
+        settings: Settings,
+        seed: int,
+        folder: Path,
+        shown: Demonstrations | None = None,
+    ) -> None:
         """Makes a learner that has learned nothing.
 
         Args:
@@ -76,6 +85,7 @@ class Learner:
           settings: numbers of the algorithm.
           seed: of the networks, the exploration and the batches; the rows are seeded with it too.
           folder: of the events of TensorBoard.
+          shown: demonstrations, of which half of each batch is drawn; None for none.
         """
         self._envs = envs
         self._settings = settings
@@ -83,7 +93,7 @@ class Learner:
         self._noise = _Noise((envs.num_envs, *envs.action_space.shape))
         noisy = {"action_noise": self._noise} if settings.noise else {}
         self._model: _Tree = sbx.CrossQ(
-            "MlpPolicy", envs, seed=seed, **noisy, **_arguments(settings)
+            "MlpPolicy", envs, seed=seed, **noisy, **_arguments(settings, shown)
         )
         self._average = _weights(self._model.policy.actor_state)
         self._events = logger.configure(str(folder), ["tensorboard"])
@@ -206,7 +216,7 @@ def _actions(settings: Settings) -> int:
     return math.ceil(settings.steps / settings.action_repeat)
 
 
-def _arguments(settings: Settings) -> dict[str, _Tree]:
+def _arguments(settings: Settings, shown: Demonstrations | None) -> dict[str, _Tree]:
     """The settings under the names of the algorithm."""
     return {
         "learning_rate": settings.learning_rate,
@@ -222,7 +232,7 @@ def _arguments(settings: Settings) -> dict[str, _Tree]:
             "n_critics": settings.critics,
         },
         "replay_buffer_class": _Transitions,
-        "replay_buffer_kwargs": {"settings": settings},
+        "replay_buffer_kwargs": {"settings": settings, "shown": shown},
     }
 
 
@@ -238,11 +248,48 @@ def _mixed(one: _Tree, other: _Tree, share: np.floating) -> _Tree:
 
 
 class _Transitions(buffers.NStepReplayBuffer):  # pyright: ignore[reportUntypedBaseClass]
-    """Transitions with rewards less an offset, and samples with sums of several of them."""
+    """Transitions with rewards less an offset, and samples with sums of several of them.
 
-    def __init__(self, *args: object, settings: Settings, **kwargs: object) -> None:
-        super().__init__(*args, n_steps=settings.n_steps, gamma=settings.discount, **kwargs)
+    With demonstrations, these are half of each sample.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        observations: _Tree,
+        actions: _Tree,
+        *,
+        settings: Settings,
+        shown: Demonstrations | None = None,
+        n_envs: int = 1,
+        **kwargs: object,
+    ) -> None:
+        steps = {"n_steps": settings.n_steps, "gamma": settings.discount}
+        super().__init__(size, observations, actions, n_envs=n_envs, **steps, **kwargs)
         self._offset = np.float32(settings.reward_offset * settings.action_repeat)
+        self._shown: _Transitions | None = None
+        if shown is not None:
+            kwargs["settings"] = settings
+            self._shown = _Transitions(len(shown.rewards), observations, actions, **kwargs)
+            self._shown._fill(shown)
+
+    def _fill(self, shown: Demonstrations) -> None:
+        """Takes demonstrations, as many as have room, in the place of all transitions."""
+        low, high = self.action_space.low, self.action_space.high
+        self.observations[:, 0] = shown.observations
+        self.next_observations[:, 0] = shown.next_observations
+        self.actions[:, 0] = 2 * (shown.actions - low) / (high - low) - 1  # as those of the policy
+        self.rewards[:, 0] = shown.rewards - self._offset
+        self.dones[:, 0], self.timeouts[:, 0] = shown.is_last, shown.is_truncated
+        self.full = True
+
+    def sample(self, batch_size: int, env: _Tree = None) -> _Tree:
+        if self._shown is None:
+            return super().sample(batch_size, env)
+        half = batch_size // 2
+        both = super().sample(batch_size - half, env), self._shown.sample(half, env)
+        order = np.random.permutation(batch_size)  # the batches of a call are parts of the sample
+        return type(both[0])(*(torch.cat(parts)[order] for parts in zip(*both, strict=True)))
 
     def add(self, obs: _Tree, next_obs: _Tree, action: _Tree, reward: _Tree, *more: _Tree) -> None:
         super().add(obs, next_obs, action, reward - self._offset, *more)

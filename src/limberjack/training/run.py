@@ -23,6 +23,7 @@ from typing import cast
 import dm_env
 import numpy as np
 
+from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.environments import (
     checked_environment,
     inside,
@@ -40,6 +41,7 @@ from limberjack.rl.control import shown_by
 from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.rl.row_step import as_mapping
 from limberjack.see.report import write_learning_plot
+from limberjack.training.demonstrations import check_of_task, demonstrations_of, identity_of
 from limberjack.training.folder import POLICY, Folder, opened
 from limberjack.training.settings import MOST_ROWS, Settings, settings_for
 from limberjack.utils.facts import Facts, title_of
@@ -135,6 +137,7 @@ def train(
     on_progress: _OnProgress | None = None,
     command: str = "",
     world: World | None = None,
+    demonstrations: Dataset | None = None,
 ) -> Run:
     """Trains a policy with CrossQ, or continues a run that was killed, or reports a finished one.
 
@@ -153,11 +156,14 @@ def train(
       command: that trains, for the policy's card.
       world: options such as {'faults': 'easy'}, in which episodes of training and of evaluations
         are played; None with a function, which sets them itself.
+      demonstrations: episodes of the task, of which half of each batch is drawn from the beginning
+        on (Ball et al., 2023, https://arxiv.org/abs/2302.02948); see `limberjack.data.load`.
 
     Raises:
       ImportError: a package of the extra `train` is missing.
-      ValueError: there is no such task, or it cannot be trained, or a number is out of range; or
-        the folder has another run, other settings or other files, or another process writes there.
+      ValueError: there is no such task, or it cannot be trained, or a number is out of range, or
+        the demonstrations are of another task; or the folder has another run, other settings or
+        other files, or another process writes there.
       TrainingError: the losses are no numbers; the last checkpoint is kept.
       OSError: a file cannot be written; the last checkpoint is kept.
     """
@@ -177,7 +183,7 @@ def train(
     if not (directory / POLICY).exists():  # a finished run is reported without the packages
         importlib.import_module("limberjack.training.learner")
     factory = factory_of(domain, task, settings.time_limit, world)
-    identity = _identified(factory, settings, seed)
+    identity = _identified(factory, settings, seed, demonstrations)
     more: dict[str, object] = {"command": command, "versions": versions()}
     with contextlib.ExitStack() as stack:
         # Global streams, which the algorithm seeds.
@@ -189,7 +195,8 @@ def train(
         was_finished = folder.policy.exists()
         if not was_finished:
             facts = cast(_Facts, {**identity, **more})
-            _Training(folder, factory, settings, facts, began, stack).run(on_progress)
+            run = _Training(folder, factory, settings, facts, demonstrations, began, stack)
+            run.run(on_progress)
         folder.finish()
         run = Run(folder.policy, _read_curve(folder.curve), settings, was_finished)
         return _with_picture(run, folder, identity)
@@ -210,11 +217,15 @@ def _with_picture(run: Run, folder: Folder, identity: Mapping[str, object]) -> R
     return dataclasses.replace(run, picture=folder.picture)
 
 
-def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, object]:
+def _identified(
+    factory: Factory, settings: Settings, seed: int, demonstrations: Dataset | None
+) -> dict[str, object]:
     """Facts that identify a run, as values of JSON; raises ValueError if it cannot be trained."""
     limit = "time_limit, or a task named by its domain time_limit = SECONDS in its settings"
     environment = checked_environment(factory, [0], is_kept=True, limit=limit)
     _check_learnable(factory.title, environment, settings)
+    if demonstrations is not None:
+        check_of_task(demonstrations, factory.facts.get("domain"), factory.facts.get("task"))
     return {
         "format": _FORMAT,
         **factory.facts,
@@ -223,6 +234,7 @@ def _identified(factory: Factory, settings: Settings, seed: int) -> dict[str, ob
         "seed": seed,
         "world": shown_by(inside(environment), "world"),
         "settings": dataclasses.asdict(settings),
+        "demonstrations": None if demonstrations is None else identity_of(demonstrations),
     }
 
 
@@ -252,6 +264,7 @@ class _Training:
         factory: Factory,
         settings: Settings,
         facts: _Facts,
+        demonstrations: Dataset | None,
         began: float,
         stack: contextlib.ExitStack,
     ) -> None:
@@ -268,7 +281,11 @@ class _Training:
         rows = batch_of(build, settings.num_envs, 1, seed=first, action_repeat=repeat, stagger=True)
         self._envs = sb3.VecEnv(rows, action_bound=settings.action_bound)
         stack.callback(self._envs.close)
-        self._learner = Learner(self._envs, settings, seed, folder.events)
+        shown = None
+        if demonstrations is not None:
+            bounds = self._envs.action_space.low, self._envs.action_space.high
+            shown = demonstrations_of(demonstrations, self._layout, repeat, *bounds)
+        self._learner = Learner(self._envs, settings, seed, folder.events, shown)
         stack.callback(self._learner.close)
         self._envs.seed(first)  # the algorithm has given the rows its own seed
         # As long as the task's episodes, whatever is trained.
@@ -309,7 +326,7 @@ class _Training:
         """The policy so far, as it would be written."""
         actions = self._envs.action_space
         card = mlp.Card(
-            layout=tuple((part.name, tuple(part.shape)) for part in self._envs.vector_env.layout),
+            layout=self._layout,
             low=tuple(actions.low.tolist()),
             high=tuple(actions.high.tolist()),
             action_repeat=self._settings.action_repeat,
@@ -327,6 +344,10 @@ class _Training:
             return mlp.Mlp(self._learner.layers(), card)
         except ValueError as error:
             raise self._failed(f"there is no policy to be written ({error})") from error
+
+    @property
+    def _layout(self) -> mlp.Layout:
+        return tuple((part.name, tuple(part.shape)) for part in self._envs.vector_env.layout)
 
     @property
     def _control_steps(self) -> int:

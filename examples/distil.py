@@ -1,0 +1,133 @@
+"""A network learns to bring a ball from demonstrations of the planner, which sees the simulator.
+
+    pip install 'limberjack[data,train]'
+    python examples/distil.py --out distilled
+
+It collects 40 episodes of the planner, half a minute of one core each. Then it trains: half of each
+batch is demonstrations, and most episodes begin at a moment of one, so that the hand is often near
+the ball, and the ball near its target, long before the network knows the way there. At the end it
+plays the task itself, with its own starts, on seeds that neither has seen. A call that was killed
+continues.
+"""
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from limberjack import data, suite
+from limberjack.evaluation import evaluate
+from limberjack.policies import mlp
+from limberjack.rl import control
+from limberjack.suite import manipulator
+from limberjack.training import Settings, train
+
+_TASK = "manipulator", "bring_ball"
+_SHOWN = range(30_000, 30_040)  # seeds of the demonstrations; those of the scores begin at 0
+_SHARE = 0.7  # of the episodes, which begin at a moment of a demonstration
+_UNTIL = 0.6  # of a demonstration: then it only holds the ball
+_SECONDS = 4.0  # of an episode in training: more starts in the same time
+_FOUND = 300.0  # return of a demonstration that shows the way
+
+# The networks are those of tasks with as many joints. A small weight of the entropy keeps what the
+# demonstrations show, and rewards of three actions tell of the target sooner.
+_SETTINGS = Settings(
+    steps=1_000_000,
+    updates=1.0,
+    batch_size=256,
+    actor=(256, 256),
+    critic=(256, 256),
+    entropy=0.01,
+    n_steps=3,
+)
+
+
+class _Moments(NamedTuple):
+    """The states in E demonstrations of T steps, and where their targets are.
+
+    Attributes:
+      qpos, qvel: (E, T, nq) and (E, T, nv).
+      fields: the model fields that were drawn for each, (E, ...).
+    """
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    fields: dict[str, np.ndarray]
+
+
+class _FromDemonstrations(manipulator.Bring):
+    """Bring the ball, from moments of demonstrations in most episodes."""
+
+    moments: _Moments
+
+    def initialize_episode(self, physics: manipulator.Physics) -> None:
+        """Draws a start of the task, or a moment."""
+        super().initialize_episode(physics)
+        if self.random.uniform() > _SHARE:
+            return
+        qpos, qvel, fields = self.moments
+        shown, steps, _ = qpos.shape
+        one, moment = self.random.randint(shown), self.random.randint(int(_UNTIL * steps))
+        physics.data.qpos[:], physics.data.qvel[:] = qpos[one, moment], qvel[one, moment]
+        for name, drawn in fields.items():
+            getattr(physics.model, name)[:] = drawn[one]
+        physics.after_reset()
+
+
+def make(seed: int) -> control.Environment:
+    """The environment in which the network is trained."""
+    physics = suite.load(*_TASK).physics
+    task = _FromDemonstrations(use_peg=False, insert=False, fully_observable=True, random=seed)
+    return control.Environment(
+        physics, task, time_limit=_SECONDS, control_timestep=suite.load(*_TASK).control_timestep()
+    )
+
+
+def _moments_of(dataset: data.Dataset) -> _Moments:
+    """The moments of the demonstrations that reach the target."""
+    episodes = [episode for episode in dataset if episode.total > _FOUND]
+    model = suite.load(*_TASK).physics.model
+    time_qpos_qvel = np.array([episode.states for episode in episodes])  # the first of a state
+    fields = {name: np.array([of.fields[name] for of in episodes]) for name in episodes[0].fields}
+    qpos, qvel = np.split(time_qpos_qvel[..., 1 : 1 + model.nq + model.nv], [model.nq], axis=-1)
+    return _Moments(qpos, qvel, fields)
+
+
+def main() -> None:
+    """Runs the example."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("distilled"), help="folder of all files")
+    parser.add_argument("--steps", type=int, default=_SETTINGS.steps, help="control steps")
+    parser.add_argument("--shown", type=int, default=len(_SHOWN), help="demonstrations")
+    parser.add_argument("--seed", type=int, default=0, help="of the networks and the starts")
+    parser.add_argument("--episodes", type=int, default=100, help="that score the network")
+    given = parser.parse_args()
+
+    shown, learned = given.out / "shown", given.out / "learned"
+    kept = data.Kept(states=True)
+    data.collect(*_TASK, "planner", _SHOWN[: given.shown], out=shown, kept=kept, workers=2)
+    dataset = data.load(shown)
+    _FromDemonstrations.moments = _moments_of(dataset)
+    run = train(
+        make,
+        out=learned,
+        steps=given.steps,
+        seed=given.seed,
+        settings=_SETTINGS,
+        demonstrations=dataset,
+        on_progress=lambda done, steps, mean: print(f"\r{done:,} of {steps:,}, {mean:.0f}", end=""),
+    )
+    print()
+    policy = mlp.load(run.policy)
+    card = dataclasses.replace(policy.card, domain=_TASK[0], task=_TASK[1])
+    named = given.out / "bring_ball.safetensors"
+    mlp.save(named, policy.layers, card)
+    found = evaluate(*_TASK, f"mlp:{named}", range(given.episodes))
+    print(f"planner {np.mean([episode.total for episode in dataset]):.1f}")
+    print(f"network {found.summary(found.policy).mean:.1f}: {named}")
+
+
+if __name__ == "__main__":
+    main()
