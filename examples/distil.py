@@ -29,12 +29,13 @@ _SHOWN = range(30_000, 30_040)  # seeds of the demonstrations; those of the scor
 _SHARE = 0.7  # of the episodes, which begin at a moment of a demonstration
 _UNTIL = 0.6  # of a demonstration: then it only holds the ball
 _SECONDS = 4.0  # of an episode in training: more starts in the same time
+_SHOWN_EVERY = 10_000  # control steps
 _FOUND = 300.0  # return of a demonstration that shows the way
 
 # The networks are those of tasks with as many joints. A small weight of the entropy keeps what the
 # demonstrations show, and rewards of three actions tell of the target sooner.
 _SETTINGS = Settings(
-    steps=1_000_000,
+    steps=600_000,
     updates=1.0,
     batch_size=256,
     actor=(256, 256),
@@ -95,6 +96,11 @@ def _moments_of(dataset: data.Dataset) -> _Moments:
     return _Moments(qpos, qvel, fields)
 
 
+def _show(done: int, steps: int, mean: float) -> None:
+    if done % _SHOWN_EVERY == 0:
+        print(f"{done:,} of {steps:,} control steps, {mean:.0f} in the last evaluation", flush=True)
+
+
 def main() -> None:
     """Runs the example."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -117,9 +123,8 @@ def main() -> None:
         seed=given.seed,
         settings=_SETTINGS,
         demonstrations=dataset,
-        on_progress=lambda done, steps, mean: print(f"\r{done:,} of {steps:,}, {mean:.0f}", end=""),
+        on_progress=_show,
     )
-    print()
     policy = mlp.load(run.policy)
     card = dataclasses.replace(policy.card, domain=_TASK[0], task=_TASK[1])
     named = given.out / "bring_ball.safetensors"
