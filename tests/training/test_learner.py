@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
 from limberjack import gym
 from limberjack.policies import mlp
 from limberjack.training import TABLE, Settings
+from limberjack.training.demonstrations import Demonstrations
 from tests.gym.gym_episodes import falling_envs
 from tests.training.small import SMALL
 
@@ -93,6 +95,39 @@ def test_rewards_of_several_actions_are_added_up_until_an_episode_ends(tmp_path:
         np.testing.assert_array_equal(drawn.next_observations[row].numpy(), following)
         seen.add(count)
     assert seen == {1, 2, 3}
+
+
+def test_half_of_each_batch_is_demonstrations(tmp_path: Path) -> None:
+    envs = gym.load_vector("cartpole", "balance", 3, time_limit=0.1, action_repeat=2, **_HOW)
+    count, size = 40, 5
+    shown = Demonstrations(
+        observations=np.full((count, size), 9.0, "f4"),
+        next_observations=np.full((count, size), 8.0, "f4"),
+        actions=np.linspace(-3, 3, count, dtype="f4")[:, np.newaxis],
+        rewards=np.full(count, 7.0, "f4"),
+        is_last=np.arange(count) % 10 == 9,
+        is_truncated=np.arange(count) == 9,
+    )
+    settings = dataclasses.replace(SMALL, steps=60, n_steps=1, reward_offset=0.5)  # all at random
+    bounded = sb3.VecEnv(envs)
+    bounded.action_space = gymnasium.spaces.Box(-4, 4, (1,))  # as of a task without bounds
+    one = learner.Learner(bounded, settings, 0, tmp_path, shown)
+    one.learn(lambda: None)
+    envs.close()
+    np.random.seed(0)
+    drawn = one._model.replay_buffer.sample(2000)
+    is_shown = (drawn.observations.numpy() == 9).all(axis=1)
+    assert is_shown.sum() == 1000
+    parts = is_shown.reshape(10, 200).sum(axis=1)  # what single updates learn from
+    assert parts.min() > 70
+    assert parts.max() < 130
+    assert (drawn.next_observations.numpy()[is_shown] == 8).all()
+    np.testing.assert_array_equal(drawn.rewards.numpy()[is_shown], 7 - 0.5 * 2)
+    actions = np.unique(drawn.actions.numpy()[is_shown])  # as the policy's, between -1 and 1
+    np.testing.assert_allclose(actions, np.linspace(-0.75, 0.75, count), atol=1e-6)
+    ended = drawn.dones.numpy()[is_shown].mean()
+    assert 0.04 < ended < 0.11  # three of forty: the fourth end is by the limit
+    assert not (drawn.rewards.numpy()[~is_shown] == 6).any()
 
 
 def test_noise_changes_slowly_has_its_size_and_begins_anew_with_an_episode() -> None:

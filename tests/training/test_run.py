@@ -19,7 +19,7 @@ import dm_env
 import numpy as np
 import pytest
 
-from limberjack import gym, policies, suite
+from limberjack import data, gym, policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import Learning, learning_of, mlp
 from limberjack.training import TABLE, Run, Settings, TrainingError, train
@@ -139,6 +139,27 @@ def test_a_killed_run_whose_task_remembers_something_continues_bit_for_bit(tmp_p
         with pytest.raises(_KilledError):
             train(tiring, out=tmp_path / "run", settings=settings, on_progress=_killed_at(step))
     run = train(tiring, out=tmp_path / "run", settings=settings)
+    assert _without_times(run) == _without_times(whole)
+    assert run.policy.read_bytes() == whole.policy.read_bytes()
+
+
+def test_a_killed_run_continues_with_the_same_demonstrations_alone(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="needs the extra 'data'")
+    folder, how = tmp_path / "shown", dict[str, Any](steps=300)
+    data.collect("pendulum", "swingup", "random", range(3), out=folder, time_limit=0.4)
+    shown = data.load(folder)
+    whole = _pendulum(tmp_path / "whole", demonstrations=shown, **how)
+    alone = _pendulum(tmp_path / "alone", **how)
+    assert whole.policy.read_bytes() != alone.policy.read_bytes()
+    how["on_progress"] = _killed_at(200)
+    with pytest.raises(_KilledError):
+        _pendulum(tmp_path / "run", demonstrations=shown, **how)
+    del how["on_progress"]
+    with pytest.raises(ValueError, match=r"a run whose demonstrations is \{'episodes': 3"):
+        _pendulum(tmp_path / "run", **how)
+    with pytest.raises(ValueError, match=r"demonstrations\.episodes is 3, not 1: choose"):
+        _pendulum(tmp_path / "run", demonstrations=shown.part(0, 2), **how)
+    run = _pendulum(tmp_path / "run", demonstrations=data.load(folder), **how)
     assert _without_times(run) == _without_times(whole)
     assert run.policy.read_bytes() == whole.policy.read_bytes()
 

@@ -1,8 +1,8 @@
 """`Demonstrations`: actions of a dataset's episodes, as a learner of other actions needs them.
 
-    shown = demonstrations_of(dataset, layout, action_repeat=2, low=low, high=high)
-    shown.observations      # (N, n), before each action
-    shown.rewards           # (N,), summed over the control steps of each action
+shown = demonstrations_of(dataset, layout, action_repeat=2, low=low, high=high)
+shown.observations      # (N, n), before each action
+shown.rewards           # (N,), summed over the control steps of each action
 """
 
 import hashlib
