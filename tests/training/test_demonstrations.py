@@ -107,7 +107,6 @@ def test_other_episodes_or_observations_are_other_demonstrations(
     others = [dataset.part(0, 2), dataset.select(["velocity"])]
     data.collect("pendulum", "swingup", "zero", range(2), out=tmp_path / "a", time_limit=0.5)
     others.append(data.load(tmp_path / "a"))
-    assert identity_of(dataset) == identity_of(
-        data.load(next(iter(dataset.shards)).path.parents[1])
-    )
+    again = data.load(str(dataset.shards[0].path).partition("episodes")[0])
+    assert identity_of(dataset) == identity_of(again)
     assert all(identity_of(other) != identity_of(dataset) for other in others)

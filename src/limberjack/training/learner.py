@@ -261,16 +261,15 @@ class _Transitions(buffers.NStepReplayBuffer):  # pyright: ignore[reportUntypedB
         *,
         settings: Settings,
         shown: Demonstrations | None = None,
-        n_envs: int = 1,
-        **kwargs: object,
+        **kwargs: _Tree,
     ) -> None:
         steps = {"n_steps": settings.n_steps, "gamma": settings.discount}
-        super().__init__(size, observations, actions, n_envs=n_envs, **steps, **kwargs)
+        super().__init__(size, observations, actions, **steps, **kwargs)
         self._offset = np.float32(settings.reward_offset * settings.action_repeat)
         self._shown: _Transitions | None = None
         if shown is not None:
-            kwargs["settings"] = settings
-            self._shown = _Transitions(len(shown.rewards), observations, actions, **kwargs)
+            how = {"settings": settings, **kwargs, "n_envs": 1}
+            self._shown = _Transitions(len(shown.rewards), observations, actions, **how)
             self._shown._fill(shown)
 
     def _fill(self, shown: Demonstrations) -> None:
