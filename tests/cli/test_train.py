@@ -70,7 +70,7 @@ def test_without_its_packages_one_sentence_says_what_to_install(
         (["pendulum", "swingup", "--config", "none.toml"], "none.toml"),
         (["pendulum", "swingup", "--env", "a:b"], "expected one of them"),
         (["pendulum", "swingup", "--faults", "eesy"], "there are no faults 'eesy'"),
-        (["pendulum", "swingup", "--demonstrations", "none"], "none does not exist"),
+        (["pendulum", "swingup", "--demonstrations", "none"], "none is no folder"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(
