@@ -1470,7 +1470,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('request.method != "GET" or', ""),
         ("if self.is_fixed or error.errno", "if error.errno"),
         ("_free_port(number, _FIRST_PORT), is_fixed=False)", "_free_port(number, _FIRST_PORT))"),
-        ("        made.listen()\n", "        pass\n"),
+        ("dualstack_ipv6=both", "dualstack_ipv6=False"),
     ],
     "viewer/__init__.py": [
         ("            self._last = None\n            return begin", "            return begin"),

@@ -23,7 +23,6 @@ import ipaddress
 import re
 import secrets
 import socket
-import sys
 import urllib.parse
 from collections.abc import Sequence
 
@@ -122,8 +121,7 @@ def _free_port(host: str, first: int) -> int:
     for port in range(first, min(first + _PORTS_TO_TRY, 65536)):
         if _refusal(host, port) is None:
             return port
-    with _socket(host) as any_port:
-        any_port.bind((host, 0))
+    with _listening(host, 0) as any_port:
         return any_port.getsockname()[1]
 
 
@@ -140,23 +138,10 @@ def _refusal(host: str, port: int) -> int | None:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    made = _socket(host)
-    try:
-        made.bind((host, port))
-        made.listen()
-    except OSError:
-        made.close()
-        raise
-    return made
-
-
-def _socket(host: str) -> socket.socket:
-    made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
-    if sys.platform != "win32":  # where two programs could then listen on one port
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    if host == "::":  # all networks, those of IPv4 too
-        made.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
-    return made
+    """A socket that listens there; where the host is ::, to the networks of IPv4 too."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    both = host == "::" and socket.has_dualstack_ipv6()
+    return socket.create_server((host, port), family=family, dualstack_ipv6=both)
 
 
 @dataclasses.dataclass(frozen=True)
