@@ -443,7 +443,7 @@ def test_a_viewer_repeats_actions_and_begins_each_episode_anew(tmp_path: Path) -
     name = write(tmp_path / "p")
     environment = suite.load("walker", "walk", {"time_limit": 0.5})
     begin = viewer.begin_policy(policies.find(name, environment))
-    session = Session(environment, begin, seed=3)
+    session = Session(environment, {"policy": begin}, seed=3)
     for expected in _totals(name, "walker", "walk", range(3, 5)):
         for _ in range(20):  # 0.5 s
             session.step()

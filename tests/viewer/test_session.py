@@ -33,7 +33,7 @@ def _advance(session: Session, clock: Clock, seconds: float) -> bool:
 
 
 def test_what_is_viewed_is_what_run_plays() -> None:
-    session = Session(_load(), viewer.begin_with("random"), seed=5)
+    session = Session(_load(), {"policy": viewer.begin_with("random")}, seed=5)
     for seed in (5, 6, 7):
         played = run_episode(
             suite.load("humanoid", "stand", task_kwargs={"random": seed, "time_limit": _LIMIT}),
@@ -92,7 +92,7 @@ def test_a_slow_policy_does_not_keep_the_viewer_waiting(clock: Clock) -> None:
 
         return act
 
-    session = Session(_load(), begin, clock=clock)
+    session = Session(_load(), {"policy": begin}, clock=clock)
     for steps in (1, 2, 3):
         assert _advance(session, clock, _INTERVAL)
         assert session.status().step == steps
@@ -214,7 +214,7 @@ def test_a_diverged_simulation_ends_its_episode() -> None:
 
 
 def test_errors_of_a_policy_are_its_user_s() -> None:
-    session = Session(_load(), viewer.begin_with(lambda time_step: np.zeros(3)))
+    session = Session(_load(), {"policy": viewer.begin_with(lambda time_step: np.zeros(3))})
     with pytest.raises(ValueError, match=r"action has shape \(3,\)"):
         session.step()
     with pytest.raises(policies.PolicyError, match="there is no module"):
@@ -235,7 +235,7 @@ def test_a_policy_of_time_steps_is_told_of_each_start() -> None:
             return np.ones(21)
 
     policy = Policy()
-    session = Session(_load(), viewer.begin_with(policy))
+    session = Session(_load(), {"policy": viewer.begin_with(policy)})
     for _ in range(11):
         session.step()
     assert policy.resets == 2
@@ -312,7 +312,8 @@ def test_a_start_that_fails_is_not_stepped_from() -> None:
 
 
 def test_the_planner_can_be_viewed() -> None:
-    session = Session(_load("bring_ball", "manipulator"), viewer.begin_with("planner"), seed=0)
+    begins = {"planner": viewer.begin_with("planner")}
+    session = Session(_load("bring_ball", "manipulator"), begins, seed=0)
     for _ in range(2):
         session.step()
         session.reset()
@@ -324,7 +325,7 @@ def test_the_planner_can_be_viewed() -> None:
 def test_the_plans_of_the_planner_are_part_of_the_status() -> None:
     plans = viewer.Plans()
     environment = suite.load("stacker", "stack_2", {"random": 0, "time_limit": 0.05})
-    session = Session(environment, plans.begin_with(environment), 3, plan=plans.last)
+    session = Session(environment, {"planner": plans.begin_with(environment)}, 3, plan=plans.last)
     assert session.status().plan is None
     session.step()
     plan = session.status().plan
@@ -523,7 +524,7 @@ def test_weights_of_the_planner_last_over_episodes() -> None:
     with pytest.raises(ValueError, match="no planner acts"):
         plans.weigh("distance", 1.0)
     environment = _load("hard", "reacher")
-    session = Session(environment, plans.begin_with(environment), 0, plan=plans.last)
+    session = Session(environment, {"planner": plans.begin_with(environment)}, 0, plan=plans.last)
     session.step()
     plan = session.status().plan
     assert plan is not None

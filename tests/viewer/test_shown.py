@@ -19,7 +19,7 @@ _LOOKS = ("mat_rgba", "tex_data", "cam_pos", "cam_poscom0", "cam_quat")
 
 def test_the_state_is_copied_to_a_viewer_s_own_model_and_data() -> None:
     environment = suite.load("manipulator", "bring_ball", {"random": 0})
-    session = Session(environment, viewer.begin_with("random"), seed=0)
+    session = Session(environment, {"policy": viewer.begin_with("random")}, seed=0)
     model = session.shown.copy_model()
     data = mujoco.MjData(model)
     session.push(np.ones((model.nbody, 6)))

@@ -242,12 +242,7 @@ def _show(
     try:
         with misuse_reported():
             session = Session(
-                environment,
-                seed=seed,
-                speed=speed,
-                plan=plans.last,
-                policies=begins,
-                quality=quality,
+                environment, begins, seed=seed, speed=speed, plan=plans.last, quality=quality
             )
         show(session)
     except KeyboardInterrupt:

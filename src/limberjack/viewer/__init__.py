@@ -113,12 +113,7 @@ def launch(
         begins = offered(environment, chosen, plans if explain else None)
         stack.enter_context(contextlib.suppress(KeyboardInterrupt))
         session = Session(
-            environment,
-            seed=seed,
-            speed=speed,
-            plan=plans.last,
-            policies=begins,
-            quality=quality,
+            environment, begins, seed=seed, speed=speed, plan=plans.last, quality=quality
         )
         show(session)
 
@@ -166,21 +161,30 @@ def _made(loader: Callable[..., Viewed], seed: int | None) -> Viewed:
     return loader()
 
 
-def begin_with(policy: Act | str | None) -> Begin:
-    """A function that begins the episodes of a policy, which is given as to `launch`.
+def begin_with(
+    policy: Act | str, environment: Environment | None = None, plans: "Plans | None" = None
+) -> Begin:
+    """A function that begins the episodes of a policy.
+
+    Args:
+      policy: a function as for `launch`, a name as in `limberjack.policies`, or 'none'.
+      environment: the one to act in, if it is known.
+      plans: keeps the planner's plans; None if they are not shown.
 
     Raises:
-      PolicyError: there is no policy of that name.
-      TypeError: the policy is not a function, a name or None.
+      PolicyError: there is no policy of that name, or it does not fit.
+      TypeError: the policy is neither a function nor a name.
     """
-    if policy is None:
-        return idle
     if isinstance(policy, str):
-        return begin_policy(policies.find(policy))
+        if policy == NO_POLICY:
+            return idle
+        if policy == PLANNER and plans is not None and environment is not None:
+            return plans.begin_with(environment)
+        return begin_policy(policies.find(policy, environment))
     if not callable(policy):
         raise TypeError(
-            f"policy is {policy!r}; expected a function from a TimeStep to an action, a name such "
-            "as 'random', or None"
+            f"policy is {policy!r}; expected a function from a TimeStep to an action, or a name "
+            "such as 'random'"
         )
     reset = getattr(policy, "reset", None)
 
@@ -217,19 +221,11 @@ def offered(
             found["policy" if functions == 1 else f"policy {functions}"] = begin_with(one)
         elif one not in found:
             try:
-                found[one] = _begin_of(one, environment, plans)
+                found[one] = begin_with(one, environment, plans)
             except (policies.PolicyError, ValueError):  # the latter of its actions
                 if one in given:
                     raise
     return found
-
-
-def _begin_of(name: str, environment: Environment, plans: "Plans | None") -> Begin:
-    if name == NO_POLICY:
-        return idle
-    if name == PLANNER and plans is not None:
-        return plans.begin_with(environment)
-    return begin_policy(policies.find(name, environment))
 
 
 class Plans:

@@ -14,6 +14,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import dm_env
@@ -122,25 +123,23 @@ class Session:
     def __init__(
         self,
         environment: Viewed,
-        begin: Begin = idle,
+        policies: Mapping[str, Begin] = MappingProxyType({NO_POLICY: idle}),
         seed: int | None = None,
         speed: float = 1.0,
         clock: Callable[[], float] = time.perf_counter,
         plan: Callable[[], Plan | None] = lambda: None,
-        policies: Mapping[str, Begin] | None = None,
         quality: str = AUTO,
     ) -> None:
         """Begins the first episode.
 
         Args:
           environment: a `control.Environment`, or a wrapper of one that has its attributes.
-          begin: what begins the policy's episodes.
+          policies: by name, what begins their episodes; the first acts until another one is chosen.
           seed: of the first episode; the next has seed + 1. None continues the environment's random
             stream from episode to episode.
           speed: simulated seconds per second.
           clock: returns the time in seconds.
           plan: returns the policy's last plan in this episode.
-          policies: by name, in the place of `begin`; the first acts until another one is chosen.
           quality: of what `shown` copies; see `Shown`.
 
         Raises:
@@ -159,7 +158,7 @@ class Session:
                 f"{type(environment).__name__} has no method reseed; pass the seed to its "
                 "constructor, and none here"
             )
-        self._policies = dict(policies or {NO_POLICY if begin is idle else "policy": begin})
+        self._policies = dict(policies)
         self._policy = next(iter(self._policies))
         self._action: np.ndarray | None = None  # that a person has set
         self._seed = seed
