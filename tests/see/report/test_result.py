@@ -10,7 +10,7 @@ import pytest
 from limberjack.episodes import Episode
 from limberjack.mujoco.fingerprint import versions
 from limberjack.see import report
-from limberjack.see.report.result import check_folder
+from limberjack.see.report.result import as_result, check_folder
 
 _EPISODES = [Episode(4, None, np.array([0.25, 0.5])), Episode(5, "in_hand", np.array([1.0]))]
 
@@ -19,7 +19,7 @@ _RUN = {"domain": "humanoid", "task": "walk", "policy": "zero"}
 
 def test_a_result_lists_episodes_versions_and_fingerprint(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
-    report.write_result(path, {"task": "walk"}, _EPISODES, "abc")
+    report.write_result(path, as_result({"task": "walk"}, _EPISODES, "abc"))
     result = json.loads(path.read_text())
     assert result == {
         "task": "walk",
@@ -34,7 +34,7 @@ def test_a_result_lists_episodes_versions_and_fingerprint(tmp_path: Path) -> Non
 
 def test_a_result_is_valid_json_whatever_the_return(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
-    report.write_result(path, {}, [Episode(0, None, np.array([np.nan]))], "")
+    report.write_result(path, as_result({}, [Episode(0, None, np.array([np.nan]))], ""))
     assert "NaN" not in path.read_text()
     assert json.loads(path.read_text())["episodes"][0]["return"] is None
 

@@ -98,7 +98,7 @@ def write_evaluation_page(path: Path, result: EvaluationResult, command: str = "
     if whole > _MOST:
         heading, shown = f"{heading}: {_SAMPLE:,} of {whole:,}", _sampled(result)
     body = [
-        parts.header(name, _subtitle(result)),
+        parts.header(name, parts.subtitle(result)),
         parts.figures(_figures(result["summary"][policy], result)),
         parts.section("Policies on the same seeds", _summaries(result["summary"])),
         f'<p class="quiet">{_explained(result)}</p>\n',
@@ -131,14 +131,6 @@ def _quantiles(result: EvaluationResult) -> str:
         for name, returns in {**_returns(result), **_returns_by_start(result)}.items()
     ]
     return parts.table("Quantiles", ["Policy<", *(f"{one} %" for one in _QUANTILES)], rows)
-
-
-def _subtitle(result: EvaluationResult) -> str:
-    interval = result["control_timestep"] * result.get("action_repeat", 1)
-    text = f"Policy {result['policy']}, an action every {interval:g} s"
-    if result["time_limit"] is not None:
-        text += f", episodes of {result['time_limit']:g} s"
-    return text
 
 
 def _figures(summary: _Summary, result: EvaluationResult) -> Iterator[tuple[str, str]]:
@@ -219,27 +211,16 @@ def _distribution(title: str, returns: Mapping[str, Sequence[float]]) -> str:
 
 
 def _episodes(episodes: Sequence[_Entry]) -> str:
-    has_start = any("start" in entry for entry in episodes)
-    columns = [
-        "Seed",
-        *(["Start<"] if has_start else []),
-        "Return",
-        "Steps",
-        "Last reward",
-        "Success",
-    ]
-    rows = (
-        [
-            str(entry["seed"]),
-            *([entry.get("start", "")] if has_start else []),
+    def cells(entry: _Entry) -> list[str]:
+        return [
             f"{entry['return']:.3f}",
             str(entry["length"]),
             f"{entry['final_reward']:.3f}",
             "diverged" if entry.get("diverged") else "yes" if entry["success"] else "no",
         ]
-        for entry in episodes
-    )
-    return parts.table("Episodes", columns, rows)
+
+    columns = ["Return", "Steps", "Last reward", "Success"]
+    return parts.episode_table(episodes, columns, cells)
 
 
 def _facts(result: EvaluationResult) -> Iterator[tuple[str, str]]:

@@ -83,10 +83,7 @@ def write_page(
 
 def _subtitle(result: Result) -> str:
     done, asked = len(result["episodes"]), result["episodes_asked_for"]
-    interval = result["control_timestep"] * result.get("action_repeat", 1)
-    text = f"Policy {result['policy']}, an action every {interval:g} s"
-    if result["time_limit"] is not None:
-        text += f", episodes of {result['time_limit']:g} s"
+    text = parts.subtitle(result)
     return text if done == asked else f"{text}; cut short after {done} of {asked} episodes"
 
 
@@ -205,18 +202,10 @@ def _charts_of_all(episodes: Sequence[Played], control_timestep: float) -> Itera
 
 
 def _episode_table(episodes: Sequence[Entry]) -> str:
-    has_start = any("start" in entry for entry in episodes)
-    columns = ["Seed", *(["Start<"] if has_start else []), "Return", "Steps"]
-    rows = (
-        [
-            str(entry["seed"]),
-            *([entry.get("start", "")] if has_start else []),
-            _number(entry["return"]),
-            str(entry["length"]),
-        ]
-        for entry in episodes
-    )
-    return parts.table("Episodes", columns, rows)
+    def cells(entry: Entry) -> list[str]:
+        return [_number(entry["return"]), str(entry["length"])]
+
+    return parts.episode_table(episodes, ["Return", "Steps"], cells)
 
 
 def _number(value: float | None) -> str:

@@ -10,14 +10,28 @@ which is escaped here, unless they are called HTML.
 import html
 import json
 import string
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from limberjack.utils.facts import Facts
 from limberjack.utils.files import write_whole
 from limberjack.utils.texts import encodable
 
-__all__ = ["card", "cards", "facts_of", "figures", "header", "section", "table", "write_document"]
+__all__ = [
+    "card",
+    "cards",
+    "episode_table",
+    "facts_of",
+    "figures",
+    "header",
+    "section",
+    "subtitle",
+    "table",
+    "write_document",
+]
+
+_Entry = TypeVar("_Entry", bound=Mapping[str, object])
 
 _TEMPLATE = Path(__file__).with_name("page.html")
 
@@ -55,6 +69,14 @@ def header(heading: str, subtitle: str) -> str:
         f'<header>\n<h1>{html.escape(heading)}</h1>\n<p class="quiet">{html.escape(subtitle)}</p>\n'
         "</header>\n"
     )
+
+
+def subtitle(result: Facts) -> str:
+    """The policy, the time from action to action, and the time limit."""
+    interval = result["control_timestep"] * result.get("action_repeat", 1)
+    text = f"Policy {result['policy']}, an action every {interval:g} s"
+    limit = result["time_limit"]
+    return text if limit is None else f"{text}, episodes of {limit:g} s"
 
 
 def section(heading: str, content: str) -> str:
@@ -106,6 +128,24 @@ def table(name: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> s
         f"<table><thead><tr>{''.join(heads)}</tr></thead>\n<tbody>{''.join(lines)}</tbody></table>\n"
         "</div>\n"
     )
+
+
+def episode_table(
+    episodes: Sequence[_Entry], columns: Sequence[str], cells: Callable[[_Entry], Sequence[str]]
+) -> str:
+    """A row for each episode: its seed, the kind of start if there are any, and more.
+
+    Args:
+      episodes: have 'seed' and, where the task has kinds of starts, 'start'.
+      columns: those after the first ones.
+      cells: of an episode in these columns.
+    """
+    starts = ["Start<"] if any("start" in entry for entry in episodes) else []
+    rows = (
+        [str(entry["seed"]), *(str(entry.get("start", "")) for _ in starts), *cells(entry)]
+        for entry in episodes
+    )
+    return table("Episodes", ["Seed", *starts, *columns], rows)
 
 
 def facts_of(result: Facts, command: str, others: Iterable[tuple[str, str]] = ()) -> str:

@@ -140,11 +140,11 @@ class Recorder:
         Raises:
           OSError: a file cannot be written.
         """
-        write_result(self._directory / _RESULT, run, episodes, model_fingerprint)
+        result = as_result(run, episodes, model_fingerprint)
+        write_result(self._directory / _RESULT, result)
         self.written.append(self._directory / _RESULT)
         for name in (_PLOT, _FILM, _PAGE):  # of an earlier run
             (self._directory / name).unlink(missing_ok=True)
-        result = as_result(run, episodes, model_fingerprint)
         if episodes:
             self._write_plot(result, episodes)
         self._write_film()

@@ -1,7 +1,8 @@
 """result.json: the returns of a run, and everything needed to run it again; and the run's folder.
 
     check_folder(Path("out"), {"domain": "humanoid", "task": "walk", "policy": "zero"})
-    write_result(Path("out/result.json"), run_facts, episodes, fingerprint(physics.model._official))
+    result = as_result(run_facts, episodes, fingerprint(physics.model._official))
+    write_result(Path("out/result.json"), result)
 
 The file is valid JSON: a number that is not finite is written as null. A run replaces the files of
 an earlier run of the same task and policy, and of nothing else: a folder with other results is left
@@ -92,25 +93,21 @@ class Played(Protocol):
         ...
 
 
-def write_result(
-    path: Path, run: Mapping[str, object], episodes: Sequence[Played], model_fingerprint: str
-) -> None:
-    """Write result.json whole, or leave the one that is there.
-
-    Args:
-      path: the file.
-      run: the facts of the run: domain, task, policy and so on.
-      episodes: those that ended, in order.
-      model_fingerprint: of the compiled model, before the first episode changed it.
-    """
-    result = as_result(run, episodes, model_fingerprint)
+def write_result(path: Path, result: Result) -> None:
+    """Write result.json whole, or leave the one that is there."""
     write_whole(path, json.dumps(result, indent=2, allow_nan=False) + "\n")
 
 
 def as_result(
     run: Mapping[str, object], episodes: Sequence[Played], model_fingerprint: str
 ) -> Result:
-    """The contents of result.json; arguments are those of `write_result`."""
+    """The contents of result.json.
+
+    Args:
+      run: the facts of the run: domain, task, policy and so on.
+      episodes: those that ended, in order.
+      model_fingerprint: of the compiled model, before the first episode changed it.
+    """
     result: dict[str, object] = {
         **run,
         "episodes": [_episode_entry(episode) for episode in episodes],
