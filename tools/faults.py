@@ -116,12 +116,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("own, before = np.array(value), first", "own, before = np.asarray(value), first"),
         ("    if not isinstance(names, tuple | list):  # such", "    if not names:  # such"),
     ],
-    "worlds/faults/draws.py": [
-        ("repr((*rest, episodes)).encode()", "repr(rest).encode()"),
-        ("keys ^ _mixed(places * _INCREMENT)", "keys ^ places"),
-        ("steps.astype(np.uint64) * np.uint64(_KINDS)", "steps.astype(np.uint64)"),
-        ("np.sqrt(-2.0 * np.log(first))", "np.sqrt(-np.log(first))"),
-    ],
     "worlds/faults/settings.py": [
         ("Fault(0.05, 5), 2, 20)", "Fault(0.05, 5), 1, 20)"),
         ('    check_names(f"{where} has no", changes, fields)\n', ""),
@@ -159,6 +153,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("np.clip(action + settings.noise.actions * noise, low, high)", "action + noise"),
         ('new["step"] = values["step"] + 1', 'new["step"] = values["step"]'),
         ("if episodes % perturber.perturbation.period == 0:", "if True:"),
+        ("repr((*rest, episodes)).encode()", "repr(rest).encode()"),
+        ("keys ^ _mixed(places * _INCREMENT)", "keys ^ places"),
+        ("steps.astype(np.uint64) * np.uint64(_KINDS)", "steps.astype(np.uint64)"),
+        ("np.sqrt(-2.0 * np.log(first))", "np.sqrt(-np.log(first))"),
     ],
     "worlds/faults/perturbing.py": [
         ("value = start if value >= highest else value", "value = min(value, highest)"),

@@ -13,13 +13,19 @@ dummies. So a delayed observation is late, and its dummies are not. The first ac
 or reward of an episode stands for the ones that are missing before it.
 
 A single environment has one row, and its arrays no axis for it. All memory is in `values`, arrays
-with an axis of rows, which snapshots hold. Random numbers are functions of a row's key, which
-belongs to its episode, of the step, and of the place; see `draws`.
+with an axis of rows, which snapshots hold.
+
+Random numbers are functions of a row's key, which belongs to its episode, of the step, and of the
+place: see `uniform` and `normal`. So a batch draws the numbers that single environments draw; a
+generator with a state, such as NumPy's, would be called once for each row and step, and a snapshot
+would hold each one's state. The key is mixed with the position by the output function of SplitMix64
+(Steele, Lea and Flood, 2014, https://doi.org/10.1145/2660193.2660195).
 """
 
 import collections
 import copy
 import dataclasses
+import hashlib
 import math
 from collections.abc import Mapping, MutableMapping
 from typing import Any, Self
@@ -28,11 +34,10 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.utils.arrays import Quantity
-from limberjack.worlds.faults import draws
 from limberjack.worlds.faults.perturbing import Perturber
 from limberjack.worlds.faults.settings import Fault, Faults
 
-__all__ = ["FaultMemory"]
+__all__ = ["FaultMemory", "key_of", "normal", "uniform"]
 
 # Kinds of draws.
 _ACTION_NOISE, _DROPPED_ACTIONS, _STUCK_ACTIONS, _REPETITION = range(4)
@@ -40,6 +45,14 @@ _NOISE, _DROPPED, _STUCK, _DUMMIES = range(4, 8)
 _PERTURBATION = 8
 # The memory that belongs to the seed, or to the episode whatever `clear_at_reset` is.
 _KEPT = ("key", "episodes", "parameter", "falls")
+
+# Of SplitMix64: the increment of its state, and the two multipliers of its output function.
+_INCREMENT = np.uint64(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_SHIFTS = tuple(np.uint64(shift) for shift in (30, 27, 31))
+_UNUSED = np.uint64(11)  # bits of a 64-bit number beyond the 53 of a float's fraction
+_SPACING = 2.0**-53  # of the floats in [0.5, 1)
+_KINDS = 16  # more than there are kinds of draws
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +159,7 @@ class FaultMemory:
         """
         values, perturber = self.values, self._perturber
         episodes = int(values["episodes"][row])
-        values["key"][row] = draws.key_of(stream, episodes)
+        values["key"][row] = key_of(stream, episodes)
         values["episodes"][row] += 1
         values["step"][row] = 0
         self.forget(row)
@@ -157,8 +170,8 @@ class FaultMemory:
             value, falls = perturber.next(
                 float(values["parameter"][row]) if episodes else None,
                 bool(values["falls"][row]),
-                draws.normal(*one).item(),
-                draws.uniform(*one).item(),
+                normal(*one).item(),
+                uniform(*one).item(),
             )
             values["parameter"][row], values["falls"][row] = value, falls
         return perturber.fields_of(float(values["parameter"][row]))
@@ -356,10 +369,10 @@ class FaultMemory:
         return left > 0
 
     def _uniform(self, kind: int, count: int) -> np.ndarray:
-        return draws.uniform(self.values["key"], self.values["step"], kind, count)
+        return uniform(self.values["key"], self.values["step"], kind, count)
 
     def _normal(self, kind: int, count: int) -> np.ndarray:
-        return draws.normal(self.values["key"], self.values["step"], kind, count)
+        return normal(self.values["key"], self.values["step"], kind, count)
 
 
 def _form(name: str, value: object) -> _Form:
@@ -392,3 +405,47 @@ def _pushed(queue: np.ndarray, new: np.ndarray, are_filled: np.ndarray) -> np.nd
     pushed = np.concatenate([queue[:, 1:], new[:, None]], axis=1)
     pushed[~are_filled] = new[~are_filled][:, None]
     return pushed
+
+
+def key_of(stream: np.random.RandomState, episodes: int) -> np.uint64:
+    """The key of an episode.
+
+    Args:
+      stream: from which the episode is going to be drawn; it is not advanced.
+      episodes: number of earlier episodes of the stream, for a task that draws nothing.
+    """
+    _, key, *rest = stream.get_state(legacy=True)
+    text = np.asarray(key, np.uint32).tobytes() + repr((*rest, episodes)).encode()
+    digest = hashlib.blake2b(text, digest_size=8, person=b"faults").digest()
+    return np.uint64(int.from_bytes(digest, "little"))
+
+
+def uniform(keys: np.ndarray, steps: np.ndarray, kind: int, count: int) -> np.ndarray:
+    """Numbers from [0, 1), (n, count).
+
+    Args:
+      keys: of the rows, (n,) uint64.
+      steps: of the rows, (n,).
+      kind: of draw, from 0 to 15; draws of different kinds are independent.
+      count: numbers in a row.
+    """
+    places = steps.astype(np.uint64) * np.uint64(_KINDS) + np.uint64(kind)
+    starts = _mixed(keys ^ _mixed(places * _INCREMENT))
+    numbers = starts[:, None] + np.arange(1, count + 1, dtype=np.uint64) * _INCREMENT
+    return (_mixed(numbers) >> _UNUSED) * _SPACING
+
+
+def normal(keys: np.ndarray, steps: np.ndarray, kind: int, count: int) -> np.ndarray:
+    """Numbers of the standard normal distribution, (n, count), by the method of Box and Muller."""
+    both = uniform(keys, steps, kind, 2 * count)
+    # Of 1 - u, which is never 0. Contiguous, since NumPy's routines for strided arrays may round
+    # differently.
+    first, second = 1.0 - both[:, :count], np.ascontiguousarray(both[:, count:])
+    return np.sqrt(-2.0 * np.log(first)) * np.cos(2.0 * math.pi * second)
+
+
+def _mixed(numbers: np.ndarray) -> np.ndarray:
+    """The output function of SplitMix64, modulo 2**64."""
+    numbers = (numbers ^ (numbers >> _SHIFTS[0])) * _FIRST
+    numbers = (numbers ^ (numbers >> _SHIFTS[1])) * _SECOND
+    return numbers ^ (numbers >> _SHIFTS[2])
