@@ -975,10 +975,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "utils/turns.py": [
         ("            os.register_at_fork(after_in_child=self._free)\n", "            pass\n"),
     ],
-    "policies/blas.py": [
-        ("_turn.lock, _libraries().limit(limits=1)", "_turn.lock"),
-        ("_turn.lock, _libraries().limit(limits=1)", "_libraries().limit(limits=1)"),
-    ],
     "policies/mlp.py": [
         ("with one_thread(), np.errstate", "with np.errstate"),
         (
@@ -995,6 +991,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("x = (x - mean) / scale", "x = (x - mean) * scale"),
         ("bias + weight @ np.asarray(offset, np.float64)", "bias"),
         ("        if policy.card != card:\n", "        if False:\n"),
+        ("_turn.lock, _libraries().limit(limits=1)", "_turn.lock"),
+        ("_turn.lock, _libraries().limit(limits=1)", "_libraries().limit(limits=1)"),
     ],
     "policies/onnx.py": [
         ("np.clip(found, self._least, self._most)", "np.clip(found, -9.0, 9.0)"),

@@ -18,7 +18,7 @@ from benchmarks import bridge_player as player
 from limberjack import policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
-from limberjack.policies.blas import one_thread
+from limberjack.policies.mlp import one_thread
 from limberjack.registry import sets
 
 _REPOSITORY = Path(__file__).parents[2]

@@ -91,7 +91,7 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "rich": "limberjack.cli",
     "rsl_rl": "limberjack.adapters.rsl_rl",
     "safetensors": "limberjack.policies.mlp",
-    "threadpoolctl": "limberjack.policies.blas",
+    "threadpoolctl": "limberjack.policies.mlp",
     "sbx": "limberjack.training.learner",
     "stable_baselines3": ("limberjack.adapters.sb3", "limberjack.training.learner"),
     "tensorboard": "limberjack.training.learner",

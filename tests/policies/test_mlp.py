@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from safetensors import numpy as safetensors_numpy
+from threadpoolctl import ThreadpoolController
 
 from limberjack.policies import PolicyError, mlp
 
@@ -483,3 +485,42 @@ print(hashlib.sha256(actions.tobytes()).hexdigest())
 def test_actions_do_not_depend_on_the_number_of_cores() -> None:
     one, several = (run(_ACT, count) for count in ("1", "4"))
     assert one == several
+
+
+def _threads() -> list[int]:
+    """Those of each library of linear algebra."""
+    found = ThreadpoolController().select(user_api="blas").info()
+    return [library["num_threads"] for library in found]
+
+
+def test_products_have_one_thread_until_the_context_ends() -> None:
+    before = _threads()
+    with mlp.one_thread():
+        assert set(_threads()) <= {1}
+        with mlp.one_thread():
+            pass
+        assert set(_threads()) <= {1}
+    assert _threads() == before
+    with pytest.raises(ZeroDivisionError), mlp.one_thread():
+        raise ZeroDivisionError
+    assert _threads() == before
+
+
+def test_threads_take_turns() -> None:
+    before, inside, most = _threads(), [0], [0]
+
+    def multiply() -> None:
+        for _ in range(50):
+            with mlp.one_thread():
+                inside[0] += 1
+                most[0] = max(most[0], inside[0])
+                np.ones((64, 64)) @ np.ones((64, 64))
+                inside[0] -= 1
+
+    several = [threading.Thread(target=multiply) for _ in range(4)]
+    for thread in several:
+        thread.start()
+    for thread in several:
+        thread.join()
+    assert most == [1]
+    assert _threads() == before

@@ -36,20 +36,23 @@ It is one idea, and long: a card says how the layers beside it are used, and mos
 that a file from anyone has both.
 """
 
+import contextlib
 import dataclasses
+import functools
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import ThreadpoolController
 
-from limberjack.policies.blas import one_thread
 from limberjack.policies.kinds import PolicyError
 from limberjack.utils.files import open_regular, write_whole
+from limberjack.utils.turns import Turn
 from limberjack.worlds import OPTIONS, World
 
 __all__ = [
@@ -67,6 +70,7 @@ __all__ = [
     "float32_bounds",
     "folded",
     "load",
+    "one_thread",
     "parse",
     "read",
     "save",
@@ -223,6 +227,30 @@ class Card:
         card = cls(**{name: _entry(name, value) for name, value in given.items()})
         _check(card)
         return card
+
+
+_turn = Turn()  # the number of threads belongs to the process
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """A context in which matrix products are computed by the calling thread alone.
+
+    NumPy's library of linear algebra (BLAS) divides a product among as many threads as there are
+    cores, and each division rounds in its own way. After a product its threads wait for the next
+    one without giving up their cores, on which the rows of a batch could be stepped: with a
+    policy's network, two cores then step a walker hardly faster than one.
+
+    Only one thread can be in it; others wait. Libraries that cannot be limited stay as they are.
+    """
+    with _turn.lock, _libraries().limit(limits=1):
+        yield
+
+
+@functools.cache
+def _libraries() -> ThreadpoolController:
+    """Those of linear algebra that this process has loaded."""
+    return ThreadpoolController().select(user_api="blas")
 
 
 class Mlp:
