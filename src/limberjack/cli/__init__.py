@@ -8,8 +8,8 @@ Tables go to standard output; progress bars, notes and errors go to standard err
 is 0, or 1 if a run failed, 2 for a mistake on the command line, 130 after Ctrl-C, and 143 after
 SIGTERM, which is handled as Ctrl-C is.
 
-A module here adds one command to `app`, or those on one thing: `datasets`, `suite`. A command
-imports large packages only as it runs, so that `--help` answers at once.
+A module here adds one command to `app`, or those on one thing: `datasets`, `policies`, `suite`. A
+command imports large packages only as it runs, so that `--help` answers at once.
 """
 
 from limberjack.cli import (  # noqa: F401 (they add their commands)
@@ -18,7 +18,6 @@ from limberjack.cli import (  # noqa: F401 (they add their commands)
     datasets,
     doctor,
     evaluate,
-    export,
     policies,
     record,
     run,
