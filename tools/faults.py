@@ -658,7 +658,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (", equal_nan=True", ""),
         (", on_ended=check)", ")"),
     ],
-    "cli/record.py": [("except (DepartedError, ImportError", "except (ImportError")],
+    "cli/record.py": [("failures = (DepartedError, ImportError", "failures = (ImportError")],
     "see/report/page.py": [(' if entry["return"] is not None)\n    mean', ")\n    mean")],
     "cli/view.py": [
         ('repr(time_limit).removesuffix(".0")', 'f"{time_limit:g}"'),

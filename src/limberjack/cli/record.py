@@ -150,30 +150,25 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
 
     begun = False
 
+    def show(steps: int, limit: int, total: float) -> None:
+        nonlocal begun
+        begun = True
+        show_step(steps, limit, total)
+
     try:
         with show_film() as show_step:
-
-            def show(steps: int, limit: int, total: float) -> None:
-                nonlocal begun
-                begun = True
-                show_step(steps, limit, total)
-
             yield show
     except KeyboardInterrupt:
         complain(f"interrupted: {path} is not written")
         raise typer.Exit(INTERRUPTED) from None
-    except (DepartedError, ImportError, OSError, PhysicsError, RenderingError) as error:
-        complain(f"no {path}: {worded(error)}")
-        raise typer.Exit(FAILED) from None
-    except PolicyError as error:
-        complain(f"no {path}: {worded(error)}" if begun else error)
-        raise typer.Exit(FAILED if begun else MISUSED) from None
     except Exception as error:
-        if not begun and isinstance(error, ValueError):
-            complain(error)
-            raise typer.Exit(MISUSED) from None
-        sentence = users_failure(error)
+        failures = (DepartedError, ImportError, OSError, PhysicsError, RenderingError)
+        failed = begun or isinstance(error, failures)
+        is_known = isinstance(error, (*failures, PolicyError)) or (
+            isinstance(error, ValueError) and not begun
+        )
+        sentence = worded(error) if is_known else users_failure(error)
         if sentence is None:
             raise
-        complain(f"no {path}: {sentence}")
-        raise typer.Exit(FAILED if begun else MISUSED) from None
+        complain(f"no {path}: {sentence}" if failed else sentence)
+        raise typer.Exit(FAILED if failed else MISUSED) from None
