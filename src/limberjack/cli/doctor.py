@@ -48,11 +48,7 @@ def _doctor(
 
     with show_parts() as show:
         diagnosis = doctor.examine(_asking(show))
-    if json:
-        typer.echo(json_module.dumps(dataclasses.asdict(diagnosis), indent=2))
-    else:
-        for label, text in _lines(diagnosis):
-            typer.echo(f"{label:{_LABEL_WIDTH}}{text}".rstrip())
+    _print(diagnosis, None if json else _lines(diagnosis))
     if not diagnosis.core.works:
         raise typer.Exit(FAILED)
 
@@ -63,13 +59,18 @@ def _compare_bits(json: bool) -> None:
         from limberjack.doctor import exactness
 
         found = exactness.compare(on_progress=show)
-    if json:
-        typer.echo(json_module.dumps(dataclasses.asdict(found), indent=2))
-    else:
-        for label, text in _lines_on_bits(found):
-            typer.echo(f"{label:{_LABEL_WIDTH}}{text}")
+    _print(found, None if json else _lines_on_bits(found))
     if found.unequal_batches:
         raise typer.Exit(FAILED)
+
+
+def _print(found: "Diagnosis | Comparison", lines: Iterator[tuple[str, str]] | None) -> None:
+    """Prints labels and texts, or everything as JSON."""
+    if lines is None:
+        typer.echo(json_module.dumps(dataclasses.asdict(found), indent=2))
+        return
+    for label, text in lines:
+        typer.echo(f"{label:{_LABEL_WIDTH}}{text}".rstrip())
 
 
 def _lines_on_bits(found: "Comparison") -> Iterator[tuple[str, str]]:
