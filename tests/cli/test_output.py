@@ -244,7 +244,7 @@ def test_a_saved_model_is_called_code_once_if_its_file_is_there(
 
 def test_a_row_for_all_episodes_is_followed_by_one_for_each_start() -> None:
     scores = [Score(seed, 10.0 + seed, 5, float(seed), start=f"kind_{seed}") for seed in range(2)]
-    rows = summaries_table("policy")
+    rows = summaries_table()
     add_summaries(rows, "zero", summarise(scores), strata(scores))
     screen = console()
     with screen.capture() as captured:

@@ -36,14 +36,9 @@ from limberjack.cli.options import (
     shard_named,
     world_named,
 )
-from limberjack.cli.output import (
-    failures_reported,
-    misuse_reported,
-    remarks_reported,
-    search_working_directory,
-)
+from limberjack.cli.output import misuse_reported, search_working_directory
 from limberjack.cli.process import command_line
-from limberjack.cli.progress import Units, show_units
+from limberjack.cli.progress import Units, units_reported
 
 if TYPE_CHECKING:
     from limberjack.rl.pixels import Pixels
@@ -155,13 +150,9 @@ def _collect(
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, world = shard_named(shard, out), world_named(env, faults, appearance)
         pictures = _pictures(pixels, camera)
-    _search(policy, task_set)
+        search_working_directory(policy, task_set)
     _check_extras(format, out, env)
-    with (
-        remarks_reported(),
-        show_units() as progress,
-        failures_reported(progress, lambda: _done(progress, out)),
-    ):
+    with units_reported(lambda progress: _done(progress, out)) as progress:
         progress.begin(_count(task_set, chosen, part))
         folders = _play(
             where,
@@ -216,19 +207,6 @@ def _pictures(size: int | None, camera: str | None) -> "Pixels | None":
     if camera is not None:
         raise ValueError(f"--camera is {camera}, and no pictures are kept: add --pixels 84")
     return None
-
-
-def _search(policy: str, task_set: str | None) -> None:
-    """Looks for the policy of each task in the working directory, too, and warns of pickles."""
-    if task_set is None:
-        search_working_directory(policy)
-        return
-    from limberjack.policies import policy_for
-    from limberjack.registry.sets import tasks_of
-
-    with misuse_reported():
-        names = [str(policy_for(policy, *task)) for task in tasks_of(task_set)]
-    search_working_directory(policy, names)
 
 
 def _count(task_set: str | None, seeds: Sequence[int], part: tuple[int, int] | None) -> int:

@@ -61,7 +61,7 @@ def print_information(information: "Information") -> None:
     """Prints the figures of a dataset."""
 
     facts, kept = information.recipe.facts, information.recipe.kept
-    rows = summaries_table("policy")
+    rows = summaries_table()
     add_summaries(rows, facts["policy"], information.summary, information.strata)
     console().print(rows)
     seeds, size = information.seeds, information.nbytes

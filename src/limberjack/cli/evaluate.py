@@ -34,16 +34,14 @@ from limberjack.cli.output import (
     add_summaries,
     complain,
     console,
-    failures_reported,
     misuse_reported,
-    remarks_reported,
     search_working_directory,
     summaries_table,
     table,
     visible,
 )
 from limberjack.cli.process import command_line
-from limberjack.cli.progress import Units, show_units
+from limberjack.cli.progress import Units, units_reported
 
 if TYPE_CHECKING:
     from limberjack.evaluation import Evaluation
@@ -115,11 +113,7 @@ def _evaluate(
         part, name = shard_named(shard, out), _only(names)
         world = world_named(env, faults, appearance)
     search_working_directory(name)
-    with (
-        remarks_reported(),
-        show_units() as progress,
-        failures_reported(progress, lambda: _done(progress, out)),
-    ):
+    with units_reported(lambda progress: _done(progress, out)) as progress:
         from limberjack.evaluation import evaluate
 
         progress.begin(_count(chosen, part, name))
@@ -181,18 +175,11 @@ def _evaluate_set(
     world: "World | None",
 ) -> None:
     """Measures one or more runs on all tasks of a set, and prints the scores."""
-    with (
-        remarks_reported(),
-        show_units() as progress,
-        failures_reported(progress, lambda: _done(progress, out)),
-    ):
+    with units_reported(lambda progress: _done(progress, out)) as progress:
         from limberjack.evaluation.protocol import episodes_of, evaluate_set
-        from limberjack.policies import policy_for
-        from limberjack.registry.sets import tasks_of
 
-        tasks = tasks_of(task_set)
         for name in names:
-            search_working_directory(name, [str(policy_for(name, *task)) for task in tasks])
+            search_working_directory(name, task_set)
         progress.begin(episodes_of(task_set, names))
         found = evaluate_set(
             task_set,
@@ -281,7 +268,7 @@ def _done(progress: Units, out: Path | None) -> str:
 def _print(evaluation: "Evaluation") -> None:
     from limberjack.episodes.statistics import LAST_STEPS, SUCCESS_REWARD
 
-    rows = summaries_table("policy")
+    rows = summaries_table()
     for policy in evaluation.scores:
         add_summaries(rows, policy, evaluation.summary(policy), evaluation.strata(policy))
     console().print(rows)

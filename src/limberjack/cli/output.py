@@ -18,7 +18,6 @@ import limberjack
 from limberjack.cli.process import INTERRUPTED, TERMINATED
 from limberjack.utils.described import described, is_of_user
 from limberjack.utils.log import log
-from limberjack.utils.seeds import SEEDS
 
 if TYPE_CHECKING:
     from limberjack.evaluation import Summary
@@ -27,7 +26,6 @@ __all__ = [
     "FAILED",
     "INTERRUPTED",
     "MISUSED",
-    "SEEDS",
     "TERMINATED",
     "Progress",
     "add_summaries",
@@ -53,7 +51,7 @@ MISUSED = 2
 _WIDTH = 1000  # characters of a line; a narrow terminal continues it, and no digit is left out
 
 
-def search_working_directory(policy: str, names: Iterable[str] = ()) -> None:
+def search_working_directory(policy: str, task_set: str | None = None) -> None:
     """Lets Python import the module of a policy MODULE:CALLABLE from the working directory.
 
     The directory is searched last, and only for such a policy, so that a stray matplotlib.py in it
@@ -62,11 +60,17 @@ def search_working_directory(policy: str, names: Iterable[str] = ()) -> None:
 
     Args:
       policy: its name.
-      names: those of which it is the pattern, if it is one.
+      task_set: the tasks for each of which it is a name, if it is a pattern of names.
+
+    Raises:
+      ValueError: there is no such set.
     """
     from limberjack import policies
+    from limberjack.registry.sets import tasks_of
 
     if policies.runs_code(policy):
+        tasks = [] if task_set is None else tasks_of(task_set)
+        names = [str(policies.policy_for(policy, *task)) for task in tasks]
         _say_that_it_is_code(policy, [policy, *names])
     elif ":" in policy and not policies.is_saved_model(policy):
         append_working_directory()
@@ -235,9 +239,9 @@ def users_failure(error: BaseException) -> str | None:
     return described(error)
 
 
-def summaries_table(what: str) -> rich.table.Table:
-    """An empty table, whose first column has this title."""
-    return table(what, "start", "episodes>", "mean>", "95 % interval>", "median>", "success>")
+def summaries_table() -> rich.table.Table:
+    """An empty table of policies."""
+    return table("policy", "start", "episodes>", "mean>", "95 % interval>", "median>", "success>")
 
 
 def add_summaries(

@@ -3,7 +3,7 @@
 with show_film() as show:
     show(steps, step_limit, total)   # after each step
 
-with show_units() as progress:
+with show_units() as progress:       # or units_reported, which turns failures into one line
     progress.begin(300)
     evaluate(..., on_progress=progress.show, on_state=progress.show_state)
 
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import rich.console
 import rich.progress
 
-from limberjack.cli.output import is_terminal
+from limberjack.cli.output import failures_reported, is_terminal, remarks_reported
 
 if TYPE_CHECKING:
     from limberjack.workers import State
@@ -36,6 +36,7 @@ __all__ = [
     "show_parts",
     "show_steps",
     "show_units",
+    "units_reported",
 ]
 
 _UPDATE = 0.1  # seconds from one update to the next; a step may take microseconds
@@ -153,6 +154,17 @@ def show_units() -> Iterator[Units]:
     )
     with progress_bar(*columns) as bar:
         yield Units(bar)
+
+
+@contextlib.contextmanager
+def units_reported(done: Callable[[Units], str]) -> Iterator[Units]:
+    """A bar over episodes, with remarks after it, and one line on what ends the command early.
+
+    Args:
+      done: the number of episodes that are complete, and how to continue, in words.
+    """
+    with remarks_reported(), show_units() as bar, failures_reported(bar, lambda: done(bar)):
+        yield bar
 
 
 class Steps:
