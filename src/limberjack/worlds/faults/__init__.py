@@ -4,7 +4,7 @@
     env = suite.load("walker", "walk", faults={"delay": {"observations": 3}})
 
 `settings` has the faults and the presets, `memory` applies them to the rows of an environment or a
-batch, `perturbing` changes the model, and `draws` has their random numbers.
+batch, and `perturbing` changes the model.
 """
 
 from limberjack.worlds.faults.memory import FaultMemory as FaultMemory
