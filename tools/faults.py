@@ -657,6 +657,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "episodes/films.py": [
         (", equal_nan=True", ""),
         (", on_ended=check)", ")"),
+        ("        one.reset()  # draws the model fields\n", ""),
+        ("factory.make(seed)", "factory.make(0)"),
+        ("            physics.forward()\n", ""),
+        ("pixels or dataset.recipe.kept.pixels or Pixels()", "pixels or Pixels()"),
     ],
     "cli/record.py": [("failures = (DepartedError, ImportError", "failures = (ImportError")],
     "see/report/page.py": [(' if entry["return"] is not None)\n    mean', ")\n    mean")],
@@ -847,12 +851,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('"terminations": episode.terminated', '"terminations": episode.truncated'),
         ("            if name != PIXELS_KEY  # the", "            if True  # the"),
         (', **(facts.get("world") or {})}', "}"),
-    ],
-    "episodes/pictures.py": [
-        ("        one.reset()  # draws the model fields\n", ""),
-        ("factory.make(seed)", "factory.make(0)"),
-        ("            physics.forward()\n", ""),
-        ("pixels or dataset.recipe.kept.pixels or Pixels()", "pixels or Pixels()"),
     ],
     "episodes/places.py": [
         ("[a-z][a-z0-9+.-]+://", "[a-z][a-z0-9+.-]*:"),

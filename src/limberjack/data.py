@@ -18,9 +18,8 @@ from limberjack.episodes.collecting import collect, collect_set
 from limberjack.episodes.column_statistics import Spread, Statistics
 from limberjack.episodes.dataset import Dataset, Information, inform
 from limberjack.episodes.episode import Episode, Kept
-from limberjack.episodes.films import film
+from limberjack.episodes.films import film, pictures
 from limberjack.episodes.loading import load
-from limberjack.episodes.pictures import pictures
 from limberjack.episodes.reading import Batch, Windows
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.replaying import replay

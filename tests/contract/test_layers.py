@@ -110,7 +110,6 @@ _STANDS_ALONE = (
     "limberjack.utils.containers",
     "limberjack.data",
     "limberjack.doctor.exactness",  # for a Python user too
-    "limberjack.episodes.pictures",
     "limberjack.episodes.replaying",
     "limberjack.episodes.running",
     "limberjack.utils.inverse_kinematics",

@@ -24,6 +24,7 @@ _BESIDES = {
 # Modules in a mirroring folder that test more than one module.
 _ACROSS = {
     "episodes/test_own_environments.py",
+    "episodes/test_pictures.py",
     "episodes/test_readers.py",
     "evaluation/test_experiment_workers.py",
     "evaluation/test_saved_models.py",

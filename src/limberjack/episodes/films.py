@@ -1,11 +1,13 @@
-"""`record` and `film`: films of episodes, alone or side by side, as MP4 or GIF.
+"""`record` and `film`: films of episodes, alone or side by side; `pictures`: those of a dataset.
 
     record("humanoid", "walk", out="walk.mp4", policy="random")
     record(my_package.make, out="mine.gif", seconds=5.0, rows=4)     # make(seed) -> Environment
     film(data.load("walk"), 3, out="walk-3.mp4", overlay=True)       # an episode of a dataset
+    pictures(data.load("walk"), 3, Pixels(camera="side"))            # (T + 1, 84, 84, 3)
 
-The command is `limberjack record`. Films play in real time, and are written completely or not at
-all. They need the extra `video` and OpenGL. `limberjack.see.video` films other simulations.
+The command is `limberjack record`. Films are MP4 or GIF, play in real time, and are written
+completely or not at all. They need the extra `video` and OpenGL. `limberjack.see.video` films other
+simulations.
 """
 
 import contextlib
@@ -31,6 +33,7 @@ from limberjack.policies import ROWS, Act, Actor
 from limberjack.policies.actors import EachRow
 from limberjack.policies.named import is_stateful_object
 from limberjack.rl.guards import at_least_one
+from limberjack.rl.pixels import Pixels
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.see.report.result import FILM, RESULT
 from limberjack.see.video import SIZE, Film, first_camera, mosaic
@@ -42,7 +45,7 @@ from limberjack.worlds import World
 if TYPE_CHECKING:
     from limberjack.episodes.dataset import Dataset  # which needs the extra 'data'
 
-__all__ = ["DepartedError", "View", "drawable", "film", "record"]
+__all__ = ["DepartedError", "View", "drawable", "film", "pictures", "record"]
 
 _LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
 _TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would cover too much
@@ -244,6 +247,47 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment, first_seed: int) -> A
     actor = EachRow(first.name, first.sha256, begin)
     actor.action_repeat = first.action_repeat
     return actor
+
+
+def pictures(
+    dataset: "Dataset", seed: int, pixels: Pixels | None = None, make: Make | None = None
+) -> np.ndarray:
+    """The pictures before each step and after the last one, (T + 1, height, width, 3) uint8.
+
+    They are drawn from the episode's states, and equal those that `collect --pixels` keeps, byte
+    for byte with the same OpenGL; they need neither the policy nor the versions of the recipe.
+
+    Args:
+      dataset: with states, of a domain that is known here, or of environments that `make` makes.
+      seed: of the episode.
+      pixels: camera, size and quality; by default those of the pictures that the dataset keeps, or
+        of `Pixels()`.
+      make: as for `limberjack.data.replay`.
+
+    Raises:
+      KeyError: there is no such episode.
+      ValueError: the dataset has no states, or there is no such camera; or see `replay`.
+      RenderingError: OpenGL is not available.
+    """
+    if not dataset.recipe.kept.states:
+        raise ValueError(
+            "the dataset has no states to draw: collect it with states (--states), or film an "
+            "episode, which simulates it again"
+        )
+    episode = dataset.episode(seed)
+    assert episode.states is not None
+    pixels = pixels or dataset.recipe.kept.pixels or Pixels()
+    environment, factory = environments_of(dataset.recipe, make)
+    environment.close()
+    with contextlib.closing(factory.make(seed)) as one:
+        one.reset()  # draws the model fields
+        physics = inside(one).physics
+        drawn = []
+        for state in episode.states:
+            physics.set_state(state, STATE)
+            physics.forward()
+            drawn.append(physics.render(**pixels.render_kwargs))
+    return np.stack(drawn)
 
 
 def drawable(make: Make, height: int, width: int, visualize_reward: bool = False) -> Make:
