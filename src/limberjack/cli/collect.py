@@ -42,6 +42,7 @@ from limberjack.cli.progress import Units, units_reported
 
 if TYPE_CHECKING:
     from limberjack.rl.pixels import Pixels
+    from limberjack.workers.factories import Make
 
 __all__: list[str] = []
 
@@ -219,7 +220,7 @@ def _count(task_set: str | None, seeds: Sequence[int], part: tuple[int, int] | N
 
 
 def _play(
-    where: tuple[Any, str | None] | None,  # Any: the name of a domain, or a function
+    where: "tuple[str | Make, str | None] | None",
     task_set: str | None,
     policy: str,
     seeds: Sequence[int],

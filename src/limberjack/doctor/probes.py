@@ -143,7 +143,7 @@ def threads() -> dict[str, object]:
     }
 
 
-def domains() -> dict[str, Any]:  # values of JSON
+def domains() -> Mapping[str, Mapping[str, str | None]]:
     """Domains that installed packages provide: modules by name, and problems by name."""
     from limberjack import suite
 

@@ -40,7 +40,7 @@ _Entry = TypedDict(
 
 
 class _Summary(TypedDict):
-    """Statistics of the returns of some episodes."""
+    """Statistics of the returns of some episodes; of a policy, those by kind of start too."""
 
     episodes: int
     mean: float
@@ -48,14 +48,7 @@ class _Summary(TypedDict):
     median: float
     success_rate: float
     diverged: int
-
-
-class _SummaryOfPolicy(_Summary):
-    strata: Mapping[str, _Summary]  # by kind of start
-
-
-class _Floor(TypedDict):
-    returns: Sequence[float]
+    strata: NotRequired[Mapping[str, "_Summary"]]
 
 
 class _Success(TypedDict):
@@ -75,9 +68,9 @@ class EvaluationResult(Facts):
     seeds: str | Sequence[int]
     success: _Success
     interval: _Interval
-    summary: Mapping[str, _SummaryOfPolicy]  # by policy
+    summary: Mapping[str, _Summary]  # by policy
     episodes: Sequence[_Entry]  # of the evaluated policy
-    floors: Mapping[str, _Floor]  # by policy
+    floors: Mapping[str, Mapping[str, Sequence[float]]]  # by policy: 'returns'
     versions_of_episodes: NotRequired[Sequence[Mapping[str, str]]]
 
 
@@ -146,12 +139,13 @@ def _figures(summary: _Summary, result: EvaluationResult) -> Iterator[tuple[str,
         yield "Diverged", str(summary["diverged"])
 
 
-def _summaries(summaries: Mapping[str, _SummaryOfPolicy]) -> str:
+def _summaries(summaries: Mapping[str, _Summary]) -> str:
     """A row for each policy, and for each kind of start."""
     rows = []
     for policy, summary in summaries.items():
-        rows.append(_row(policy, "all" if summary["strata"] else "", summary))
-        rows += [_row("", start, part) for start, part in summary["strata"].items()]
+        strata = summary.get("strata", {})
+        rows.append(_row(policy, "all" if strata else "", summary))
+        rows += [_row("", start, part) for start, part in strata.items()]
     columns = ["Policy<", "Start<", "Episodes", "Mean return", "Interval", "Median", "Success"]
     return parts.table("Policies", columns, rows)
 
