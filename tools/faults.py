@@ -868,7 +868,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("_ACTION_REPEAT if demanded is None else None", "_ACTION_REPEAT"),
         ("    if twice:\n", "    if False:\n"),
         ("isinstance(error, PolicyError | WorkError) or hasattr", "hasattr"),
-        ("count.add(_episodes([run]))", "count.add(_episodes(given))"),
+        ("finished += _episodes([run])", "finished += _episodes(given)"),
         (
             "for one in evaluations for score in one.scores",
             "for one in evaluations[:1] for score in one.scores",

@@ -40,7 +40,7 @@ from limberjack.policies import PolicyError
 from limberjack.registry.sets import Tasks, refusals_named, tasks_of
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
-from limberjack.workers import OnProgress, OnState, Scale, State, Unit
+from limberjack.workers import OnProgress, OnState, Scale, State, Unit, counted_from
 from limberjack.workers.factories import Make, factory_of
 from limberjack.workers.identity import advice_on, processor
 from limberjack.worlds import World
@@ -174,12 +174,7 @@ def collect_set(
             policies.find(of_task, environment, num_threads=1)
     folders = {}
     for number, ((domain, task), of_task) in enumerate(chosen.items()):
-        before = number * len(wanted)
-
-        def show(what: str, finished: int, part: float = 0.0, before: int = before) -> None:
-            if on_progress is not None:
-                on_progress(what, before + finished, part)
-
+        show = counted_from(number * len(wanted), on_progress)
         folder = place / f"{domain}-{task}"
         with refusals_named(domain, task, show) as shown:
             collect(domain, task, of_task, wanted, out=str(folder), on_progress=shown, **kwargs)

@@ -40,7 +40,7 @@ from limberjack.registry import sets
 from limberjack.registry.sets import Tasks, TaskSet, refusals_named
 from limberjack.rl.control import Environment
 from limberjack.utils.files import read_regular, write_whole
-from limberjack.workers import OnProgress, OnState, WorkError
+from limberjack.workers import OnProgress, OnState, WorkError, counted_from
 from limberjack.worlds import World
 from limberjack.worlds.appearance import Appearance, Looks
 from limberjack.worlds.faults import Faults
@@ -199,19 +199,19 @@ def evaluate_set(
     plans, missing = _planned(chosen, given, world)
     if directory is not None and not (directory / SUMMARY).exists():
         _write(directory / SUMMARY, _asked_for(chosen, names, settings))
-    count = _Counting(on_progress, len(missing) * _episodes(given))
+    finished = len(missing) * _episodes(given)
     found: dict[_Task, list[Evaluation]] = {task: [] for task in plans}
     for (domain, task), plan in plans.items():
         for number, run in enumerate(given):
-            name = f"run-{number + 1}"
-            folder = None if directory is None else directory / name / f"{domain}-{task}"
-            with _noted(f"{domain} {task}"), refusals_named(domain, task, count.show) as show:
+            name = f"run-{number + 1}/{domain}-{task}"
+            count = counted_from(finished, on_progress)
+            with _noted(f"{domain} {task}"), refusals_named(domain, task, count) as show:
                 of_run = evaluate(
                     domain,
                     task,
                     plan.policies[number],
                     _SEEDS,
-                    out=folder,
+                    out=None if directory is None else directory / name,
                     num_threads=num_threads,
                     time_limit=plan.time_limit,
                     action_repeat=plan.action_repeats[number],
@@ -225,7 +225,7 @@ def evaluate_set(
                     command=command,
                 )
             found[domain, task].append(of_run)
-            count.add(_episodes([run]))
+            finished += _episodes([run])
     tasks = tuple(_scores_of(*task, of_runs) for task, of_runs in found.items())
     versions = next(iter(found.values()))[0].facts["versions"]
     result = SetEvaluation(chosen, names, tasks, missing, versions, settings)
@@ -266,23 +266,6 @@ def _noted(task: str) -> Iterator[None]:
         if isinstance(error, PolicyError | WorkError) or hasattr(error, "__notes__"):
             error.add_note(task)
         raise
-
-
-class _Counting:
-    """Reports progress over all tasks and runs."""
-
-    def __init__(self, on_progress: OnProgress | None, finished: int) -> None:
-        self._on_progress = on_progress
-        self._finished = finished
-
-    def show(self, what: str, finished: int, part: float = 0.0) -> None:
-        """Reports progress within the present task and run."""
-        if self._on_progress is not None:
-            self._on_progress(what, self._finished + finished, part)
-
-    def add(self, episodes: int) -> None:
-        """Counts the episodes of a task and run that are finished."""
-        self._finished += episodes
 
 
 def _episodes(runs: Sequence[object]) -> int:

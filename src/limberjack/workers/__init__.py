@@ -15,7 +15,7 @@ give the same bits.
 from limberjack.workers.attempt import WorkError
 from limberjack.workers.scale import Scale, Workers, open_workers
 from limberjack.workers.setup import Opened, Setup, prepare
-from limberjack.workers.state import OnProgress, OnState, State
+from limberjack.workers.state import OnProgress, OnState, State, counted_from
 from limberjack.workers.units import Unit, shard_of, units_of
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "Unit",
     "WorkError",
     "Workers",
+    "counted_from",
     "open_workers",
     "prepare",
     "shard_of",

@@ -3,11 +3,26 @@
 import dataclasses
 from collections.abc import Callable
 
-__all__ = ["OnProgress", "OnState", "State"]
+__all__ = ["OnProgress", "OnState", "State", "counted_from"]
 
 # Called with the name of what is played, such as the policy, the number of finished episodes, and
 # how many episodes' worth of steps the running ones have played.
 OnProgress = Callable[[str, int, float], object]
+
+
+def counted_from(before: int, on_progress: OnProgress | None) -> OnProgress:
+    """Reports the progress of a part of the work, which begins after so many episodes.
+
+    Args:
+      before: episodes that have finished.
+      on_progress: called with those of the part too; None for nothing.
+    """
+
+    def show(what: str, finished: int, part: float = 0.0) -> None:
+        if on_progress is not None:
+            on_progress(what, before + finished, part)
+
+    return show
 
 
 @dataclasses.dataclass(frozen=True)
