@@ -1376,7 +1376,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "worlds/appearance/colors.py": [
         ("moved = self._colors +", "moved = self.original +"),
-        ("_channels(new)", "_channels(first)"),
+        ("np.asarray(new)", "np.asarray(first)"),
     ],
     "worlds/appearance/backdrop.py": [
         ("(place + changes) % len(order)", "(place + changes) % length"),

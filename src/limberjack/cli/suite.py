@@ -47,8 +47,8 @@ def _list(
         return
     rows = table("domain", "task", "tags", "action>", "observation>")
     for task in tasks:
-        sizes = task.action_size, task.observation_size
-        rows.add_row(task.domain, task.task, ", ".join(task.tags), *map(_shown, sizes))
+        sizes = ("?" if n is None else str(n) for n in (task.action_size, task.observation_size))
+        rows.add_row(task.domain, task.task, ", ".join(task.tags), *sizes)
     console().print(rows)
 
 
@@ -63,10 +63,6 @@ def _described(domain: str, task: str) -> _Task:
         with contextlib.closing(suite.load(domain, task)) as environment:
             sizes = sizes_of(environment)
     return _Task(domain, task, tags, *sizes)
-
-
-def _shown(size: int | None) -> str:
-    return "?" if size is None else str(size)
 
 
 @command("gallery", "limberjack gallery --out pictures")

@@ -173,7 +173,9 @@ def _find_viewer(
     address = find_address(host, port)
     access = Access(address, allow_hosts)
     try:
-        show = viewer.in_browsers(access, title, _print_address, plans.weigh, worded)
+        show = viewer.in_browsers(
+            access, title, lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"), plans.weigh, worded
+        )
     except ImportError as error:
         complain(f"limberjack view {error}; --native needs nothing")
         raise typer.Exit(FAILED) from None
@@ -257,7 +259,3 @@ def _show(
         complain(sentence)
         return FAILED
     return 0
-
-
-def _print_address(url: str) -> None:
-    typer.echo(f"{url}  (Ctrl-C ends it)")

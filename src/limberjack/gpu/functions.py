@@ -197,10 +197,6 @@ def _dot(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     return torch.matmul(a, b) if b.ndim <= 2 else torch.tensordot(a, b, ([-1], [-2]))
 
 
-def _cross(a: torch.Tensor, b: torch.Tensor, axis: int = -1) -> torch.Tensor:
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b), dim=axis)
-
-
 def _concatenate(arrays: Sequence[torch.Tensor], axis: int | None = 0) -> torch.Tensor:
     if axis is None:
         return torch.cat([torch.ravel(each) for each in arrays])
@@ -218,10 +214,6 @@ def _expand_dims(x: torch.Tensor, axis: int | tuple[int, ...]) -> torch.Tensor:
     return x
 
 
-def _flip(x: torch.Tensor, axis: Axis = None) -> torch.Tensor:
-    return torch.flip(x, _sorted(_axes(x, axis), x.ndim))
-
-
 def _nan_to_num(
     x: torch.Tensor,
     copy: bool = True,
@@ -233,22 +225,10 @@ def _nan_to_num(
     return result if copy else x.copy_(result)
 
 
-def _split(x: torch.Tensor, sections: int | list[int], axis: int = 0) -> list[torch.Tensor]:
-    return list(torch.tensor_split(x, sections, dim=axis))
-
-
 def _take(x: torch.Tensor, indices: object, axis: int | None = None) -> torch.Tensor:
     if axis is None:
         x, axis = x.reshape(-1), 0
     return x[(slice(None),) * (axis % x.ndim) + (indices,)]
-
-
-def _transpose(x: torch.Tensor, axes: Sequence[int] | None = None) -> torch.Tensor:
-    return torch.permute(x, tuple(axes) if axes else tuple(reversed(range(x.ndim))))
-
-
-def _repeat(x: torch.Tensor, repeats: int, axis: int | None = None) -> torch.Tensor:
-    return torch.repeat_interleave(x, repeats, dim=axis)
 
 
 # Functions that are not universal, with NumPy's arguments.
@@ -265,14 +245,14 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.concatenate: _concatenate,
     np.copy: lambda a: a.clone(),
     np.copyto: lambda dst, src: dst.copy_(src),
-    np.cross: _cross,
+    np.cross: lambda a, b, axis=-1: torch.linalg.cross(*torch.broadcast_tensors(a, b), dim=axis),
     np.cumsum: _cumsum,
     np.diff: lambda a, n=1, axis=-1: torch.diff(a, n, axis),
     np.dot: _dot,
     np.einsum: lambda text, *arrays: torch.einsum(text, *arrays),
     np.empty_like: _like(0),
     np.expand_dims: _expand_dims,
-    np.flip: _flip,
+    np.flip: lambda x, axis=None: torch.flip(x, _sorted(_axes(x, axis), x.ndim)),
     np.full_like: _full_like,
     np.hstack: torch.hstack,
     np.linalg.norm: _norm,
@@ -285,12 +265,12 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.ones_like: _like(1),
     np.prod: _reduction("prod"),
     np.ravel: torch.ravel,
-    np.repeat: _repeat,
+    np.repeat: lambda x, repeats, axis=None: torch.repeat_interleave(x, repeats, dim=axis),
     np.reshape: lambda a, shape: torch.reshape(a, (shape,) if isinstance(shape, int) else shape),
     np.roll: lambda a, shift, axis=None: torch.roll(a, shift, axis),
     np.shape: lambda a: tuple(a.shape),
     np.sort: lambda a, axis=-1: torch.sort(a, axis).values,
-    np.split: _split,
+    np.split: lambda x, sections, axis=0: list(torch.tensor_split(x, sections, dim=axis)),
     np.squeeze: lambda a, axis=None: torch.squeeze(a) if axis is None else torch.squeeze(a, axis),
     np.stack: lambda arrays, axis=0: torch.stack(tuple(arrays), axis),
     np.std: _moment("std"),
@@ -298,7 +278,7 @@ _FUNCTIONS: dict[_Function, _Function] = {
     np.swapaxes: torch.swapaxes,
     np.take: _take,
     np.take_along_axis: lambda arr, indices, axis: torch.take_along_dim(arr, indices, axis),
-    np.transpose: _transpose,
+    np.transpose: lambda x, axes=None: torch.permute(x, axes or tuple(range(x.ndim))[::-1]),
     np.tile: lambda x, reps: torch.tile(x, (reps,) if isinstance(reps, int) else reps),
     np.var: _moment("var"),
     np.vstack: torch.vstack,

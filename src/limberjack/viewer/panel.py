@@ -19,7 +19,7 @@ from types import ModuleType
 import numpy as np
 
 from limberjack.utils.seeds import SEEDS
-from limberjack.viewer.session import TERMINAL, Actuator, Plan, Session, Status
+from limberjack.viewer.session import TERMINAL, Plan, Session, Status
 from limberjack.viewer.shown import QUALITIES
 
 __all__ = ["Panel", "Weigh", "Wish", "Worded"]
@@ -220,14 +220,11 @@ class Panel:
             return
         values = np.array(action)
         for number, actuator in enumerate(self._actuators):
-            changed, value = self._slide(actuator, action[number])
+            label, now = f"{actuator.name}##control", action[number]
+            changed, value = self._imgui.SliderFloat(label, now, actuator.low, actuator.high)
             if changed:
                 values[number] = np.clip(value, actuator.low, actuator.high)
                 self._send(lambda session: session.set_action(values))
-
-    def _slide(self, actuator: Actuator, value: float) -> tuple[bool, float]:
-        label = f"{actuator.name}##control"
-        return self._imgui.SliderFloat(label, value, actuator.low, actuator.high)
 
     def _draw_plan(self, plan: Plan) -> None:
         """The stage, each term's share of the cost, and its weight."""

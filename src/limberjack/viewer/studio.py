@@ -179,11 +179,9 @@ class _Loop(plugin.SimPlugin):
         self._reported = status
         self.handle.send_to_viewer(_StatusEvent(status))
         if before is None or (before.paused, before.speed) != (status.paused, status.speed):
-            self.handle.send_to_viewer(
-                messages.StepControlSnapshot(
-                    pause_state=_pause_state(status.paused), speed=100.0 * status.speed
-                )
-            )
+            state = sim.PauseState.NORMAL_PAUSED if status.paused else sim.PauseState.UNPAUSED
+            speed = 100.0 * status.speed
+            self.handle.send_to_viewer(messages.StepControlSnapshot(pause_state=state, speed=speed))
 
     @messages.handler
     def on_wish(self, event: _WishEvent) -> None:
@@ -295,10 +293,6 @@ class _Panel(plugin.ViewerPlugin):
             self.is_drawn_by_software.clear()
             self._send(lambda session: session.shown.drawn_by_software())
         self._panel.draw()
-
-
-def _pause_state(paused: bool) -> _OfStudio:
-    return sim.PauseState.NORMAL_PAUSED if paused else sim.PauseState.UNPAUSED
 
 
 def _launch(

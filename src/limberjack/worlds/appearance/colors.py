@@ -84,7 +84,7 @@ def repainted_floor(texture: np.ndarray, first: np.ndarray, second: np.ndarray) 
     within = np.s_[edge : height - edge, edge : width - edge]
     inside, source = painted[within], texture[within]
     for old, new in ((texture[row, column], first), (texture[row, other], second)):
-        inside[(source == old).all(axis=-1)] = _channels(new)
+        inside[(source == old).all(axis=-1)] = np.rint(np.asarray(new) * _FULL).astype(np.uint8)
     return painted
 
 
@@ -95,7 +95,3 @@ def repainted_sky(texture: np.ndarray, color: np.ndarray) -> np.ndarray:
     painted = np.rint(texture * (np.asarray(color) * _FULL / brightest)).clip(0, _FULL)
     painted[is_star] = _FULL
     return painted.astype(np.uint8)
-
-
-def _channels(color: np.ndarray) -> np.ndarray:
-    return np.rint(np.asarray(color) * _FULL).astype(np.uint8)
