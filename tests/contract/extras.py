@@ -10,7 +10,7 @@ __all__ = ["MADE_OF", "MISSING"]
 _ON_TENSORS = tuple(
     f"limberjack.gpu.{name}"
     for name in (
-        *("backend", "batch", "counters", "functions", "model_fields"),
+        *("backend", "batch", "functions", "model_fields"),
         *("speed", "tensors", "vector", "warp_simulation"),
     )
 )

@@ -13,7 +13,8 @@ starts from a ring buffer of `num_envs` starts, the oldest first. Control steps 
 starts by new ones, whose seeds come from a separate random stream. By default there are as many new
 starts as episodes that last until the time limit need.
 
-It is one idea, and long: the ring of starts and the rows of numbers serve this class alone.
+It is one idea, and long: the counter, the ring of starts and the rows of numbers serve this class
+alone.
 """
 
 import copy
@@ -28,7 +29,6 @@ import numpy as np
 
 from limberjack.gpu import model_fields
 from limberjack.gpu.backend import torch
-from limberjack.gpu.counters import Counter, Ending
 from limberjack.gpu.sizes import Sizes
 from limberjack.gpu.starts import Part, Starts
 from limberjack.gpu.tensors import device_array, plain
@@ -41,7 +41,15 @@ from limberjack.suite import base
 from limberjack.utils.arrays import Quantity, rows_of_a_batch
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["BatchState", "DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
+__all__ = [
+    "BatchState",
+    "Counter",
+    "DeviceBatch",
+    "Ending",
+    "Options",
+    "Outcome",
+    "usual_starts_per_step",
+]
 
 _FRESH_AT_ONCE = 8  # new starts that are drawn and copied together
 _USUAL_EPISODE = 1_000  # steps; length assumed for episodes without a time limit
@@ -70,6 +78,21 @@ class Options:
     uses_graphs: bool
     begins_next: bool
     action_repeat: int = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Ending:
+    """Masks of the rows whose episode ends.
+
+    Attributes:
+      last: for any reason.
+      terminated: because of the task or divergence.
+      truncated: because of the time limit.
+    """
+
+    last: torch.Tensor
+    terminated: torch.Tensor
+    truncated: torch.Tensor
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,6 +154,67 @@ class BatchState(TypedDict):
     owed: float
     random: _Stream
     seeds: list[int]
+
+
+class Counter:
+    """The steps of each row's episode, and how its episode ends.
+
+    The rules are those of `limberjack.rl.endings`, written without waiting for the device.
+
+    Attributes:
+      steps: control steps of each row's episode so far.
+      terminated, truncated: masks of the rows whose last episode ended so; False again once a row
+        begins another one.
+    """
+
+    def __init__(self, num_envs: int, step_limit: float, device: torch.device | str) -> None:
+        self.step_limit = step_limit
+        self.steps = torch.zeros(num_envs, dtype=torch.int64, device=device)
+        self.terminated = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        self.truncated = self.terminated.clone()
+
+    @property
+    def ended(self) -> torch.Tensor:
+        """Mask of the rows whose episode has ended and that have not begun another one."""
+        return self.terminated | self.truncated
+
+    def begin(self, rows: torch.Tensor) -> None:
+        """Begins an episode in the rows of a mask."""
+        self.steps.masked_fill_(rows, 0)
+        self.terminated.logical_and_(~rows)
+        self.truncated.logical_and_(~rows)
+
+    def count(
+        self,
+        begun: torch.Tensor,
+        diverged: torch.Tensor,
+        reward: torch.Tensor,
+        termination: torch.Tensor | None,
+    ) -> tuple[torch.Tensor, Ending]:
+        """Counts a step; returns the reward to report, and which episodes end.
+
+        A row whose episode ended in an earlier step reports the same ending in every step until it
+        begins another episode.
+
+        Args:
+          begun: rows that began an episode in this step.
+          diverged: rows that diverged.
+          reward: the task's reward.
+          termination: the task's termination, NaN where an episode continues; None for no rows.
+        """
+        self.begin(begun)
+        waits = self.ended
+        runs = ~begun & ~waits
+        self.steps.add_(runs)
+        at_limit = (self.steps >= self.step_limit) & runs & ~diverged
+        ends = diverged & runs
+        if termination is not None:
+            ends = ends | (~torch.isnan(termination) & runs & ~at_limit)
+        self.truncated.logical_or_(at_limit)
+        self.terminated.logical_or_(ends)
+        silent = begun | waits | diverged
+        reward = torch.where(silent, torch.zeros_like(reward), reward)
+        return reward, Ending(self.ended, self.terminated.clone(), self.truncated.clone())
 
 
 class DeviceBatch:
