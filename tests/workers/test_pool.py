@@ -114,7 +114,7 @@ def test_a_unit_that_ends_its_worker_three_times_ends_the_run_and_nothing_else()
 
 
 def test_results_are_the_same_after_workers_were_killed_at_random_moments() -> None:
-    setup = prepare(*TASK, _POLICY, time_limit=0.1).with_threads(1)
+    setup = prepare(*TASK, _POLICY, time_limit=0.1, num_threads=1)
     units = _units(setup, range(64 * 14))
     done = threading.Event()
     with Pool(2) as pool, concurrent.futures.ThreadPoolExecutor(1) as executor:

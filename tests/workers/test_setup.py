@@ -97,7 +97,7 @@ def test_another_policy_and_other_threads_keep_the_task() -> None:
     zero = setup.with_policy("zero", policies.find("zero"), expected.identity)
     assert vars(zero) == {**vars(expected), "made": setup.made}
     assert zero.unit_size == 64
-    assert zero.with_threads(3).opened().num_threads == 3
+    assert dataclasses.replace(zero, num_threads=3).opened().num_threads == 3
 
 
 @pytest.mark.parametrize(

@@ -116,10 +116,6 @@ class Setup:
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "key"}
 
-    def with_threads(self, num_threads: int | None) -> "Setup":
-        """The same with another number of threads, which changes no bit of an episode."""
-        return dataclasses.replace(self, num_threads=num_threads)
-
     def with_policy(self, policy: str, actor: Actor, identity: Facts) -> "Setup":
         """The same task with another policy.
 
