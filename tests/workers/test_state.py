@@ -11,5 +11,5 @@ def test_only_what_occurs_is_shown() -> None:
 def test_episodes_of_a_part_are_counted_after_those_before_it() -> None:
     seen: list[tuple[str, int, float]] = []
     counted_from(64, lambda *report: seen.append(report))("random", 3, 0.5)
-    counted_from(64, None)("random", 3)
+    counted_from(64, None)("random", 3, 0.0)
     assert seen == [("random", 67, 0.5)]
