@@ -8,7 +8,6 @@ with Contest("humanoid", "walk", num_envs=256, num_threads=2) as contest:
 import math
 import time
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -161,12 +160,7 @@ class Contest:
     def __enter__(self) -> "Contest":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *error: object) -> None:
         try:
             if kind is None:
                 self.check_same_steps()
