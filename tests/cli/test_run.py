@@ -18,13 +18,12 @@ import limberjack
 from limberjack import data, policies, suite
 from limberjack.cli.output import FAILED, INTERRUPTED, MISUSED
 from limberjack.cli.progress import Units, show_units
-from limberjack.cli.run import finish, scale_of
+from limberjack.cli.run import finish
 from limberjack.episodes.manifest import DamagedError
 from limberjack.episodes.running import Run
 from limberjack.policies import PolicyError
 from limberjack.suite import base, humanoid
 from limberjack.utils.files import Hold
-from limberjack.workers import State
 from tests.cli.conftest import call, invoke
 from tests.policies import saved_models
 from tests.rollouts import run_episode
@@ -656,17 +655,3 @@ def test_episodes_that_diverged_are_named_and_status_1(
     )
     assert (tmp_path / "report.html").exists()
     assert len(run.episodes) == 2
-
-
-def test_the_options_say_who_plays_and_events_are_shown(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with show_units() as progress:
-        scale = scale_of(progress, 3, "local", 2, True)
-        assert scale.on_state is not None
-        scale.on_state(State(2, 1, note="node b was lost"))
-    assert (scale.workers, scale.ray, scale.num_threads, scale.any_processor) == (
-        3, "local", 2, True,
-    )  # fmt: skip
-    assert scale.executor is None
-    assert capsys.readouterr().err == "limberjack: node b was lost\n"

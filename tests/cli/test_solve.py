@@ -306,3 +306,21 @@ def test_solve_plays_with_faults_and_an_appearance_as_part_of_the_identity(tmp_p
     assert other.exit_code == 2
     assert "world" in other.stderr
     assert len(other.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["run", "solve"])
+def test_the_options_say_who_plays(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: dict[str, Any] = {}
+
+    def refuse(*arguments: object, **options: object) -> None:
+        taken.update(options)
+        raise ValueError("enough")
+
+    monkeypatch.setattr("limberjack.episodes.running.Run", refuse)
+    more = ["--workers", "3", "--ray", "--any-processor"] if command == "solve" else []
+    assert invoke(command, *_TASK, "--threads", "2", *more).exit_code == 2
+    scale = taken["scale"]
+    assert (scale.num_threads, scale.executor) == (2, None)
+    expected = (3, "local", True) if command == "solve" else (None, None, False)
+    assert (scale.workers, scale.ray, scale.any_processor) == expected
+    assert scale.on_state is not None

@@ -46,9 +46,8 @@ from limberjack.cli.progress import Units, show_parts, show_units
 if TYPE_CHECKING:
     from limberjack.episodes import Episode
     from limberjack.episodes.running import Run
-    from limberjack.workers import Scale
 
-__all__ = ["finish", "scale_of"]
+__all__ = ["finish"]
 
 
 @command(
@@ -88,6 +87,7 @@ def _run(
             where = named_environment(domain, task, env, time_limit)
             search_working_directory(policy)
             from limberjack.episodes.running import Run
+            from limberjack.workers import Scale
 
             run = Run(
                 *where,
@@ -96,27 +96,15 @@ def _run(
                 out=out,
                 time_limit=finite(time_limit),
                 action_repeat=action_repeat,
-                scale=scale_of(progress, threads=threads, vectorised=vectorised),
+                scale=Scale(
+                    num_threads=threads, on_state=progress.show_state, vectorised=vectorised
+                ),
                 replaces=True,
                 world=world_named(env, faults, appearance),
                 command=command_line(),
             )
         status = finish(run, progress, out)
     raise typer.Exit(status)
-
-
-def scale_of(
-    progress: Units,
-    workers: int | None = None,
-    ray: str | None = None,
-    threads: int | None = None,
-    any_processor: bool = False,
-    vectorised: bool | None = None,
-) -> "Scale":
-    """The workers that the options ask for; their state is shown."""
-    from limberjack.workers import Scale
-
-    return Scale(workers, None, ray, threads, any_processor, progress.show_state, vectorised)
 
 
 def finish(run: "Run", progress: Units, out: Path | None) -> int:

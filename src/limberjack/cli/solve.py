@@ -30,7 +30,7 @@ from limberjack.cli.options import (
 from limberjack.cli.output import misuse_reported
 from limberjack.cli.process import command_line
 from limberjack.cli.progress import show_units
-from limberjack.cli.run import finish, scale_of
+from limberjack.cli.run import finish
 
 if TYPE_CHECKING:
     from limberjack.policies import Actor
@@ -84,7 +84,7 @@ def _solve(
             world = world_named(env, faults, appearance)
             part, chosen = shard_named(shard, out), chosen_seeds(seeds, episodes, 1)
             from limberjack.episodes.running import Run
-            from limberjack.workers import shard_of
+            from limberjack.workers import Scale, shard_of
 
             if part is not None and not shard_of(chosen, *part):
                 typer.echo(f"shard {shard} has no episode: there are fewer blocks than shards")
@@ -96,7 +96,7 @@ def _solve(
                 chosen,
                 out=out,
                 time_limit=finite(time_limit),
-                scale=scale_of(progress, workers, ray, threads, any_processor),
+                scale=Scale(workers, None, ray, threads, any_processor, progress.show_state),
                 shard=part,
                 actor=explaining.actor(where, time_limit, threads) if explain else None,
                 world=world,
