@@ -6,8 +6,9 @@
 It collects 40 episodes of the planner, half a minute of one core each. Then it trains: half of each
 batch is demonstrations, and most episodes begin at a moment of one, so that the hand is often near
 the ball, and the ball near its target, long before the network knows the way there. At the end it
-plays the task itself, with its own starts, on seeds that neither has seen. A call that was killed
-continues.
+plays the task itself, with its own starts, on seeds that neither has seen, and leaves
+distilled/policy.safetensors, which `limberjack view manipulator bring_ball --policy
+mlp:distilled/policy.safetensors` plays. A call that was killed continues.
 """
 
 import argparse
@@ -111,27 +112,26 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100, help="that score the network")
     given = parser.parse_args()
 
-    shown, learned = given.out / "shown", given.out / "learned"
-    kept = data.Kept(states=True)
+    shown, kept = given.out / "demonstrations", data.Kept(states=True)
     data.collect(*_TASK, "planner", _SHOWN[: given.shown], out=shown, kept=kept, workers=2)
     dataset = data.load(shown)
     _FromDemonstrations.moments = _moments_of(dataset)
     run = train(
         make,
-        out=learned,
+        out=given.out / "training",
         steps=given.steps,
         seed=given.seed,
         settings=_SETTINGS,
         demonstrations=dataset,
         on_progress=_show,
+        command=f"python examples/distil.py --seed {given.seed}",
     )
-    policy = mlp.load(run.policy)
-    card = dataclasses.replace(policy.card, domain=_TASK[0], task=_TASK[1])
-    named = given.out / "bring_ball.safetensors"
-    mlp.save(named, policy.layers, card)
-    found = evaluate(*_TASK, f"mlp:{named}", range(given.episodes))
-    print(f"planner {np.mean([episode.total for episode in dataset]):.1f}")
-    print(f"network {found.summary(found.policy).mean:.1f}: {named}")
+    learned, out = mlp.load(run.policy), given.out / "policy.safetensors"
+    card = dataclasses.replace(learned.card, domain=_TASK[0], task=_TASK[1])
+    mlp.save(out, learned.layers, card)
+    found = evaluate(*_TASK, f"mlp:{out}", range(given.episodes))
+    print(f"return of the demonstrations {np.mean([episode.total for episode in dataset]):.1f}")
+    print(f"return of the network {found.summary(found.policy).mean:.1f}: {out}")
 
 
 if __name__ == "__main__":

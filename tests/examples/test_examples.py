@@ -37,6 +37,7 @@ _NEEDS = {
     "planner_picture": ((), ""),
     "behaviour_cloning": (("pyarrow", "torch"), "torch"),
     "dataset_pytorch": (("pyarrow", "torch"), "torch"),
+    "distil": (("pyarrow", "sbx"), "train"),
     "offline_iql": (("pyarrow", "torch", "torchrl"), "torchrl"),
     "drq": (("pyarrow", "torch"), "torch"),
     "sb3_crossq": (("sb3_contrib", "stable_baselines3"), "sb3"),
@@ -200,6 +201,27 @@ def test_offline_iql(tmp_path: Path) -> None:
     seen = dataset[0].observations
     actions = [one.act_batch(seen).reshape(-1) for one in (learned, mlp.load(expert))]
     assert np.corrcoef(actions)[0, 1] > 0.6
+
+
+def test_distil(tmp_path: Path) -> None:
+    small = ("--shown", "1", "--steps", "2400", "--episodes", "1", "--out", str(tmp_path))
+    for _ in range(2):  # a call on what has finished scores it again
+        printed = _output("distil", *small)
+        (shown,) = data.load(tmp_path / "demonstrations")
+        assert shown.total > 500
+        assert f"return of the demonstrations {shown.total:.1f}\n" in printed
+        assert re.search(r"^return of the network \d+\.\d: ", printed, re.MULTILINE)
+    card = mlp.load(tmp_path / "policy.safetensors").card
+    assert (card.title, card.action_repeat) == ("manipulator bring_ball", 2)
+    assert card.command == "python examples/distil.py --seed 0"
+    # Most episodes begin at moments of the demonstration: with its targets.
+    distil = importlib.import_module("examples.distil")
+    distil._FromDemonstrations.moments = distil._moments_of(data.load(tmp_path / "demonstrations"))
+    environment, places = distil.make(0), []
+    for _ in range(40):
+        environment.reset()
+        places.append(environment.physics.named.model.body_pos["target_ball"].tolist())
+    assert 20 < max(map(places.count, places)) < 36
 
 
 def test_sb3_crossq(tmp_path: Path) -> None:
