@@ -122,6 +122,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not (lowest <= number <= highest and", "if not (lowest <= number and"),
         ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
     ],
+    "training/demonstrations.py": [
+        ("ends & bool(episode.truncated[-1])", "ends"),
+        ("np.clip(actions, low, high).astype", "actions.astype"),
+        ("np.minimum(first + repeat, episode.length)", "first + 1"),
+        ("[dataset.seeds, dataset.sha256(), dataset.observed]", "[dataset.seeds]"),
+    ],
     "training/folder.py": [
         ("    if difference is None and not (directory / POLICY).exists():\n", "    if False:\n"),
         (
