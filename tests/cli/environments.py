@@ -16,6 +16,7 @@ __all__ = [
     "delayed",
     "different",
     "diverging",
+    "divided",
     "endless",
     "failing",
     "nested",
@@ -73,6 +74,19 @@ def nothing(seed: int) -> None:
 def failing(seed: int) -> control.Environment:
     """A mistake of the user's own."""
     raise ZeroDivisionError(1 // 0)
+
+
+class _Divided(control.Environment):
+    """Takes its actions in parts, by name."""
+
+    def action_spec(self) -> Any:
+        return {"push": super().action_spec()}
+
+
+def divided(seed: int) -> control.Environment:
+    """An environment with a dictionary of actions, which no policy here returns."""
+    push = plain_domain.push(random=seed)
+    return _Divided(push.physics, push.task, time_limit=0.1, control_timestep=0.02)
 
 
 class _Diverging(plain_domain.Push):

@@ -398,6 +398,7 @@ def test_an_environment_that_cannot_be_made_is_one_line_and_status_2(
     [
         (_env("endless"), "has no time limit, so an episode might never end"),
         (_env("different"), "makes an environment that differs each time it is called with seed 0"),
+        (_env("divided"), "environment 'tests.cli.environments:divided': TypeError: action_spec"),
         (
             [*_env("plain"), "--time-limit", "1"],
             "--time-limit is 1.0, but --env tests.cli.environments:plain makes",

@@ -58,6 +58,15 @@ def _nested(seed: int) -> control.Environment:
     return _of_task(_Nested(seed))
 
 
+class _Numbered(plain_domain.Push):
+    def get_observation(self, physics: Any) -> Any:
+        return {3: physics.data.qpos.copy()}
+
+
+def _numbered(seed: int) -> control.Environment:
+    return _of_task(_Numbered(seed))
+
+
 def _catch(seed: int) -> dm_env.Environment:
     return odd.Catch(seed)
 
@@ -79,7 +88,8 @@ def test_an_environment_of_any_class_is_accepted() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (plain_domain.endless, "has no time limit, so an episode might never end: give it a time_"),
+        (plain_domain.endless, "an episode might never end: give it a time_limit where it is made"),
+        (_numbered, "an observation of .*:_numbered is named 3; expected a text, such as '3'"),
         (_unseeded, "makes an environment that differs each time it is called with seed 0"),
         (_global, "draws from .*, so an episode does not depend on its seed alone: draw from task"),
         (
@@ -110,7 +120,7 @@ def test_what_cannot_be_named_may_be_played_but_not_kept() -> None:
 
 
 def test_a_task_of_the_suite_without_an_end_is_refused() -> None:
-    with pytest.raises(ValueError, match="give it a time_limit"):
+    with pytest.raises(ValueError, match=r"give it a time_limit \(--time-limit SECONDS"):
         checked_environment(factory_of("lqr", "lqr_2_1"), [0], is_kept=False)
     checked_environment(factory_of("lqr", "lqr_2_1", 0.1), [0], is_kept=False).close()
 

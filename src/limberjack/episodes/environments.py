@@ -11,7 +11,7 @@ import dm_env
 import numpy as np
 
 from limberjack.policies import Actor
-from limberjack.policies.kinds import repeat_for
+from limberjack.policies.kinds import Locating, repeat_for
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import is_reproducible, is_stable, own_repeat
@@ -39,7 +39,7 @@ def checked_environment(
     *,
     is_kept: bool,
     vectorised: bool | None = None,
-    limit: str = "time_limit (--time-limit SECONDS)",
+    limit: str | None = None,
 ) -> dm_env.Environment:
     """An environment of the factory, whose episodes end, depend on their seed, and can be kept.
 
@@ -49,7 +49,8 @@ def checked_environment(
         whatever their seeds, in workers too.
       is_kept: whether results are kept, which must name the environment.
       vectorised: True if vectorised batches are asked for.
-      limit: how the caller's user sets a time limit, for messages.
+      limit: how the caller's user sets a time limit, for messages; None as an argument, which an
+        environment of the user's own does not take.
 
     Raises:
       ValueError: they never end, draw from a stream that environments share, have nested
@@ -59,13 +60,18 @@ def checked_environment(
     if is_kept and not factory.is_known:
         raise ValueError(_why_unknown(factory))
     environment = factory.make(_IDENTIFYING)
+    is_own = "environment" in factory.facts  # the user's
     if step_limit_of(environment) is None:
+        where = "time_limit where it is made" if is_own else "time_limit (--time-limit SECONDS)"
         raise ValueError(
-            f"{factory.title} has no time limit, so an episode might never end: give it a {limit}"
+            f"{factory.title} has no time limit, so an episode might never end: give it a "
+            f"{limit or where}"
         )
-    if "environment" in factory.facts:  # a user's own
+    if is_own:
         with contextlib.closing(factory.make(seeds[0])) as trial:
-            shared = draws_globally(trial, spec_of(trial))
+            with Locating(f"environment {factory.title!r}"):
+                spec = spec_of(trial)
+            shared = draws_globally(trial, spec)
             if shared is not None:
                 raise ValueError(
                     f"{factory.title} draws from {shared}, so an episode does not depend on its "
@@ -106,6 +112,11 @@ def _check_vectorised(factory: Factory) -> None:
 def _check_values(factory: Factory, environment: dm_env.Environment) -> None:
     """Raises ValueError unless observations are arrays of numbers, and a reward is a number."""
     for name, value in as_mapping(environment.reset().observation).items():
+        if not isinstance(name, str):
+            raise ValueError(
+                f"an observation of {factory.title} is named {name!r}; expected a text, such as "
+                f"{str(name)!r}"
+            )
         if isinstance(value, Mapping):
             raise ValueError(
                 f"observation {name!r} is a dict; expected an array: let {factory.title} observe "

@@ -24,6 +24,7 @@ from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import Actor
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.rl.copies import control_of
+from limberjack.rl.row_step import as_mapping
 from limberjack.utils.facts import Facts
 from limberjack.workers.factories import Factory
 
@@ -99,9 +100,9 @@ def canary_of(factory: Factory) -> str:
     return digest.hexdigest()
 
 
-def _add(digest: "hashlib._Hash", reward: float, observation: Mapping[str, object]) -> None:
+def _add(digest: "hashlib._Hash", reward: float, observation: object) -> None:
     digest.update(np.float64(reward).tobytes())
-    for name, value in observation.items():
+    for name, value in as_mapping(observation).items():
         digest.update(name.encode())
         digest.update(np.ascontiguousarray(np.asarray(value)).tobytes())
 
