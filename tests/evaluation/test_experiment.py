@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from limberjack import policies, suite
-from limberjack.evaluation import Evaluation, evaluate
+from limberjack.evaluation import Evaluation, evaluate, experiment
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import PolicyError
 from limberjack.rl import control
@@ -156,6 +156,12 @@ def test_the_folder_of_a_dataset_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"holds a dataset, dataset\.json: choose another folder"):
         _evaluate(out=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["dataset.json"]
+
+
+def test_seeds_that_lie_far_apart_are_listed_one_by_one() -> None:
+    for seeds in ([0, 2**62], [0, 2, 1, 3]):  # no list has the numbers between the first two
+        assert experiment._asked_for(seeds)["seeds"] == seeds
+    assert experiment._asked_for([3, 4])["seeds"] == "3:5"
 
 
 def test_rows_can_be_asked_for_and_change_no_number() -> None:

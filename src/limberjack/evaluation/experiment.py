@@ -210,7 +210,7 @@ def _played_with(store: Store, identity: Facts) -> dict[str, object]:
 def _asked_for(seeds: Sequence[int]) -> dict[str, object]:
     """The seeds, and the definitions of success and of the interval."""
     first, end = (seeds[0], seeds[-1] + 1) if seeds else (0, 0)
-    is_range = seeds == list(range(first, end))
+    is_range = len(seeds) == end - first and seeds == list(range(first, end))
     return {
         "seeds": f"{first}:{end}" if is_range else seeds,
         "episodes_asked_for": len(seeds),
