@@ -8,9 +8,11 @@ import pytest
 
 from limberjack import suite
 from limberjack.episodes.starts import Starts
+from limberjack.rl import control
 from limberjack.rl.builds import Build
 from limberjack.suite.base import kind_of_start
 from limberjack.workers.factories import factory_of
+from tests import plain_domain
 
 
 def _starts(domain: str, task: str) -> Starts:
@@ -31,6 +33,32 @@ def test_a_kind_is_the_tasks_own(domain: str, task: str) -> None:
 def test_a_task_without_kinds_has_none() -> None:
     environment: Any = SimpleNamespace(task=SimpleNamespace(), physics=None)
     assert kind_of_start(environment) is None
+
+
+class _Placed(plain_domain.Push):
+    """Remembers its start under the name of a method, and has no kinds."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        super().initialize_episode(physics)
+        self.start = float(physics.data.qpos[0])  # pyright: ignore
+
+
+def _placed(seed: int) -> control.Environment:
+    physics = plain_domain.push().physics
+    return control.Environment(physics, _Placed(seed), time_limit=0.1, control_timestep=0.02)
+
+
+def test_a_task_without_kinds_is_neither_begun_nor_asked_for_one() -> None:
+    begun: list[int] = []
+
+    def make(seed: int) -> control.Environment:
+        begun.append(seed)
+        return _placed(seed)
+
+    starts = Starts.of(factory_of(make))
+    assert [starts.kind(seed) for seed in range(3)] == [None, None, None]
+    assert begun == [0]
+    starts.close()
 
 
 def test_a_humanoids_kind_is_how_it_lies_after_a_second_without_control() -> None:
