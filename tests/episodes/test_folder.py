@@ -339,6 +339,14 @@ def test_a_folder_with_another_dataset_is_refused_by_name(parts: bool, tmp_path:
     assert hashes(tmp_path).keys() == set() if parts else {"seeds-0000000060-0000000062.parquet"}
 
 
+def test_a_file_in_the_place_of_the_folder_is_refused_and_stays(tmp_path: Path) -> None:
+    path = tmp_path / "walk"
+    path.write_text("mine")
+    with pytest.raises(ValueError, match="walk is no folder: choose another name"):
+        Folder(path, _RECIPE)
+    assert path.read_text() == "mine"
+
+
 def test_the_folder_of_an_evaluation_is_refused(tmp_path: Path) -> None:
     (tmp_path / "episodes-1-of-2.jsonl").touch()
     with pytest.raises(ValueError, match="holds an evaluation: choose another folder"):

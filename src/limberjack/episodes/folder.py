@@ -125,8 +125,8 @@ class Folder:
             one is alone.
 
         Raises:
-          ValueError: its files have another recipe or are damaged, or another process writes here;
-            nothing was changed.
+          ValueError: it is a file, its files have another recipe or are damaged, or another process
+            writes here; nothing was changed.
           OSError: a file cannot be read.
         """
         self.directory = directory
@@ -135,6 +135,8 @@ class Folder:
         self._recipe = recipe
         self._shard = None if shard is None else "{}-of-{}".format(*shard)
         self._run = directory / ("run.json" if shard is None else f"run-{self._shard}.json")
+        if isinstance(directory, Path) and exists(directory) and not directory.is_dir():
+            raise ValueError(f"{directory} is no folder: choose another name")
         make_folder(directory)
         self._hold: Hold | None = None  # a server has no locks
         if isinstance(directory, Path) and isinstance(self._run, Path):
