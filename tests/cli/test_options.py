@@ -436,6 +436,30 @@ def test_a_function_is_found_in_the_working_directory(tmp_path: Path) -> None:
     assert again.stdout == "out: 2 episodes, 10 steps, every bit the same\n"
 
 
+_TASK = ["pendulum", "swingup"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["evaluate", *_TASK],
+        ["evaluate", "--set", "pendulum:swingup"],
+        ["run", *_TASK],
+        ["solve", *_TASK],
+        ["train", *_TASK],
+        ["convert", "walk", "--to", "lerobot"],
+    ],
+)
+def test_results_other_than_datasets_are_not_written_to_a_url(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = invoke(*command, "--out", "s3://bucket/scores")
+    assert result.exit_code == 2, result.output
+    assert "s3://bucket/scores is a URL; expected a folder" in " ".join(result.stderr.split())
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_faults_are_a_name_a_mapping_or_a_file(tmp_path: Path) -> None:
     assert world_named() is None
     assert world_named(faults="easy") == {"faults": "easy"}

@@ -5,7 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.episodes.places import check_file, exists, named, opened, place_of, size_of
+from limberjack.episodes.places import (
+    check_file,
+    exists,
+    local,
+    named,
+    opened,
+    place_of,
+    size_of,
+)
 
 fsspec = pytest.importorskip("fsspec", reason="needs the extra 'data'")
 
@@ -29,6 +37,16 @@ def test_a_url_of_this_machine_is_a_path(tmp_path: Path) -> None:
 def test_a_url_of_a_file_elsewhere_is_no_path_here() -> None:
     with pytest.raises(ValueError, match="file://data/walk names the machine 'data'; expected an"):
         place_of("file://data/walk")
+
+
+def test_a_folder_that_must_be_here_is_no_url(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert local("walk") == local(Path("walk")) == tmp_path / "walk"
+    for url in ("s3://bucket/walk", "file:///data/walk"):
+        with pytest.raises(ValueError, match=f"{url} is a URL; expected the path of a folder"):
+            local(url)
 
 
 @pytest.mark.parametrize("is_remote", [False, True])

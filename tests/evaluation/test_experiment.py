@@ -158,6 +158,13 @@ def test_the_folder_of_a_dataset_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["dataset.json"]
 
 
+def test_scores_are_not_written_to_a_url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match="s3://bucket/scores is a URL; expected the path of a fol"):
+        _evaluate(out="s3://bucket/scores")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_seeds_that_lie_far_apart_are_listed_one_by_one() -> None:
     for seeds in ([0, 2**62], [0, 2, 1, 3]):  # no list has the numbers between the first two
         assert experiment._asked_for(seeds)["seeds"] == seeds

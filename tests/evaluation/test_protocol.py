@@ -214,6 +214,11 @@ def test_a_folder_of_other_results_is_refused_and_left_alone(tmp_path: Path) -> 
     assert evaluate_set(_FAST, "zero", out=other, num_threads=1).files == (other / "set.json",)
 
 
+def test_a_url_is_no_folder_of_results() -> None:
+    with pytest.raises(ValueError, match="s3://bucket/set is a URL; expected the path of a folder"):
+        evaluate_set(_FAST, "zero", out="s3://bucket/set")
+
+
 def test_a_run_that_is_given_twice_is_refused() -> None:
     with pytest.raises(ValueError, match="run 'zero' occurs twice; expected each once"):
         evaluate_set(_FAST, ["zero", "random", "zero"])

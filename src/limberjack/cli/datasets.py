@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.options import EnvironmentName, function_named
+from limberjack.cli.options import EnvironmentName, folder_named, function_named
 from limberjack.cli.output import (
     FAILED,
     add_summaries,
@@ -162,6 +162,7 @@ def _convert(
         Path | None,
         typer.Option(
             metavar="ROOT",
+            parser=folder_named,
             help="The folder of Minari datasets, or that of the LeRobot dataset; DIR/minari or "
             "DIR/lerobot by default.",
         ),

@@ -46,6 +46,7 @@ __all__ = [
     "camera_named",
     "chosen_seeds",
     "finite",
+    "folder_named",
     "function_named",
     "named_environment",
     "named_task",
@@ -114,13 +115,18 @@ Episodes = Annotated[
 ]
 
 
-def _folder(text: str) -> Path:
+def folder_named(text: str) -> Path:
+    """The folder of an option."""
     if not text:  # such as a variable of the shell that is not set; Path("") is the present folder
         raise typer.BadParameter("it is empty; expected a folder")
+    if "://" in text:  # of which Path would make a folder here
+        raise typer.BadParameter(
+            f"{text} is a URL; expected a folder: only `limberjack collect` writes to a URL"
+        )
     return Path(text)
 
 
-_OUT = typer.Option(metavar="DIR", parser=_folder, help="Write the results into this folder.")
+_OUT = typer.Option(metavar="DIR", parser=folder_named, help="Write the results into this folder.")
 Out = Annotated[Path | None, _OUT]
 RequiredOut = Annotated[Path, _OUT]
 Threads = Annotated[

@@ -32,6 +32,7 @@ __all__ = [
     "check_file",
     "exists",
     "filling",
+    "local",
     "make_folder",
     "move",
     "named",
@@ -87,6 +88,20 @@ def absolute(name: "Path | Remote | str") -> Place:
     """The place with a name, from any working directory: a policy may change it."""
     place = place_of(name)
     return place.absolute() if isinstance(place, Path) else place
+
+
+def local(name: Path | str) -> Path:
+    """The path with a name, from any working directory.
+
+    Raises:
+      ValueError: it is a URL, of which a `Path` would make a folder `s3:`.
+    """
+    if isinstance(name, str) and _URL.match(name):
+        raise ValueError(
+            f"{name} is a URL; expected the path of a folder: only a dataset is written to a URL, "
+            "by `limberjack collect`"
+        )
+    return Path(name).absolute()
 
 
 def exists(place: Place) -> bool:

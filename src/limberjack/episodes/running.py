@@ -21,6 +21,7 @@ from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import drawable
 from limberjack.episodes.manifest import EPISODES
+from limberjack.episodes.places import local
 from limberjack.episodes.player import Player, Progress
 from limberjack.episodes.playing import Step, play, recorded
 from limberjack.policies import Actor
@@ -85,7 +86,7 @@ class Run:
             episodes have no time limit, or the folder holds other results.
           OSError: the folder cannot be written.
         """
-        self._out = None if out is None else Path(out).absolute()  # a policy may move
+        self._out = None if out is None else local(out)
         self._shard = shard
         self._replaces = replaces
         self._command = command

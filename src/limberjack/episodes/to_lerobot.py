@@ -27,6 +27,7 @@ from limberjack.episodes.converting import converted
 from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.parquet import Plain, write_plain
+from limberjack.episodes.places import local
 from limberjack.episodes.recipe import OBSERVATION, PIXELS
 from limberjack.rl.pixels import PIXELS_KEY
 from limberjack.utils import png
@@ -70,7 +71,7 @@ def to_lerobot(dataset: Dataset, folder: Path | str, on_progress: OnProgress | N
         one.
       OSError: a file cannot be written.
     """
-    with converted(Path(folder).resolve(), _is_ours) as partial:
+    with converted(local(folder).resolve(), _is_ours) as partial:
         _write(dataset, partial, on_progress)
 
 

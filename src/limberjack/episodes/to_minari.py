@@ -25,6 +25,7 @@ from dm_env import specs
 
 from limberjack.episodes.converting import converted
 from limberjack.episodes.dataset import Dataset
+from limberjack.episodes.places import local
 from limberjack.episodes.recipe import environments_of
 from limberjack.gym.made import spec_of
 from limberjack.gym.observations import Observations, action_space
@@ -86,7 +87,7 @@ def to_minari(
         name = f"limberjack/{facts['domain']}-{facts['task']}/{policy}-v0"
     if not re.fullmatch(r"([-\w]+/)*[-\w]+-v\d+", name):
         raise ValueError(f"the id is {name!r}; expected one such as 'mine/walk-v0'")
-    folder = Path(root).resolve() / name  # Minari takes no relative path
+    folder = local(root).resolve() / name  # Minari takes no relative path
     with converted(folder, _is_ours, "another folder or id") as partial:
         _write(dataset, partial / "data", name, on_progress)
     return name

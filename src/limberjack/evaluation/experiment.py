@@ -14,6 +14,7 @@ import dm_env
 
 from limberjack.episodes import player as playing
 from limberjack.episodes import statistics
+from limberjack.episodes.places import local
 from limberjack.episodes.player import Player, Progress
 from limberjack.episodes.statistics import Score
 from limberjack.evaluation import results
@@ -98,7 +99,7 @@ def evaluate(
       WorkError: a policy failed in a worker, or workers were lost or refused; the same.
       OSError: a file cannot be written.
     """
-    directory = None if out is None else Path(out).absolute()  # a policy may change folders
+    directory = None if out is None else local(out)
     if shard is not None and directory is None:
         raise ValueError(
             "a shard needs a folder that all shards write to: give one as out (--out DIR)"

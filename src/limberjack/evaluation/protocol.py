@@ -31,6 +31,7 @@ import numpy as np
 
 from limberjack import policies, suite
 from limberjack.episodes.environments import seconds_without_a_limit
+from limberjack.episodes.places import local
 from limberjack.evaluation import statistics
 from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
@@ -192,7 +193,7 @@ def evaluate_set(
     """
     chosen, given = _chosen(task_set, runs)
     names = tuple(map(_name_of, given))
-    directory = None if out is None else Path(out).absolute()
+    directory = None if out is None else local(out)
     settings = _settings_of(world)
     if directory is not None:
         _check_folder(directory, _asked_for(chosen, names, settings))

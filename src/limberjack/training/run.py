@@ -29,6 +29,7 @@ from limberjack.episodes.environments import (
     inside,
     seconds_without_a_limit,
 )
+from limberjack.episodes.places import local
 from limberjack.episodes.playing import play
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import LearningCurve, learning_of, mlp
@@ -178,7 +179,7 @@ def train(
             f"time_limit is {settings.time_limit}, but a function makes the environment: set it "
             "there"
         )
-    directory = Path(out).absolute()  # a function that makes environments may change folders
+    directory = local(out)
     began = time.process_time()
     if not (directory / POLICY).exists():  # a finished run is reported without the packages
         importlib.import_module("limberjack.training.learner")
