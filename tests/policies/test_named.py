@@ -10,7 +10,7 @@ import pytest
 from dm_env import specs
 
 from limberjack import policies
-from limberjack.policies.named import is_stateful_object
+from limberjack.policies.named import NOT_RESET, is_stateful_object
 
 _SPEC = specs.BoundedArray((3,), float, [-1.0, 0.5, -3.0], [1.0, 2.0, -1.0])
 
@@ -27,6 +27,18 @@ class Counting:
     def act(self, observation):
         self.steps += 1
         return np.full(3, self.steps)
+
+class Forgetting:
+    def __init__(self):
+        self.weights, self.steps = None, 0
+    def act(self, observation):
+        self.weights = self.weights or [1.0]  # once
+        self.steps += self.counts
+        return np.full(3, self.steps)
+    counts = 1
+
+class Loading(Forgetting):
+    counts = 0
 
 class Greedy(Counting):
     def __init__(self, size):
@@ -81,6 +93,21 @@ def test_a_function_is_a_policy(module: str) -> None:
 def test_a_dotted_name_is_followed(module: str) -> None:
     act = _begun(f"{module}:Box.still", _SPEC, 0)
     np.testing.assert_array_equal(act({}), [0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "attributes"), [("Forgetting", ["steps"]), ("Loading", []), ("Counting", [])]
+)
+def test_an_object_that_changes_as_it_acts_is_reported_unless_it_has_a_reset(
+    module: str, name: str, attributes: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    act = _begun(f"{module}:{name}", _SPEC, 0)
+    for _ in range(4):
+        act({})
+    assert [record.args for record in caplog.records] == [
+        (f"{module}:{name}", attribute) for attribute in attributes
+    ]
+    assert all(record.msg == NOT_RESET for record in caplog.records)
 
 
 @pytest.mark.parametrize("name", ["Counting", "ready"])

@@ -183,6 +183,7 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
 def remarks_reported() -> Iterator[None]:
     """Prints at exit, once each, why a task was played in rows, and other remarks on results."""
     from limberjack.episodes.manifest import NOT_DRAWN, SET_ASIDE
+    from limberjack.policies.named import NOT_RESET
     from limberjack.policies.networks import OTHER_SCORES
     from limberjack.rl.batches import NOT_VECTORISED
 
@@ -190,7 +191,7 @@ def remarks_reported() -> Iterator[None]:
 
     class Remarks(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            if record.msg in (NOT_DRAWN, NOT_VECTORISED, OTHER_SCORES, SET_ASIDE):
+            if record.msg in (NOT_DRAWN, NOT_RESET, NOT_VECTORISED, OTHER_SCORES, SET_ASIDE):
                 remarks[record.getMessage()] = None
 
     handler, level = Remarks(logging.INFO), log.level

@@ -20,10 +20,12 @@ from limberjack.policies.actors import ActBatch, Alone, Batched, EachRow, ResetB
 from limberjack.policies.built_in import BUILT_IN
 from limberjack.policies.kinds import Act, Actor, Locating, Policy, PolicyError
 from limberjack.rl.action_specs import spec_of
+from limberjack.utils.log import log
 from limberjack.utils.sources import defined_in
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
+    "NOT_RESET",
     "actor_of",
     "copied",
     "found_named",
@@ -32,6 +34,12 @@ __all__ = [
     "name_of",
     "target_named",
 ]
+
+# Logged; commands print it.
+NOT_RESET = (
+    "policy %r sets its attribute %r as it acts, and has no reset(): episodes that are played "
+    "together share it. Define reset(), which is called before each episode"
+)
 
 
 def name_of(target: object) -> str:
@@ -104,9 +112,9 @@ def actor_of(name: str, sha256: str | None, target: object) -> Actor:
             "observation, or an object with act(observation) or act_batch(observations)"
         )
     reset = getattr(target, "reset", None)
-    begin = _checking_policy(name, act, reset)
     if reset is None:
-        return EachRow(name, sha256, begin)
+        return EachRow(name, sha256, _checking_policy(name, _watching(name, target, act), None))
+    begin = _checking_policy(name, act, reset)
     return Alone(name, sha256, lambda environment, seed: begin(spec_of(environment), seed))
 
 
@@ -214,6 +222,29 @@ def _find_attribute(what: str, module: ModuleType, path: str) -> object:
                 f"{what}: {module.__name__!r} has no {path!r}.{did_you_mean(part, public)}"
             ) from None
     return target
+
+
+def _watching(
+    name: str, target: object, act: Callable[[Mapping[str, np.ndarray]], object]
+) -> Callable[[Mapping[str, np.ndarray]], object]:
+    """The function `act` of an object, which logs an attribute that its second call sets.
+
+    Its first call may load what it needs.
+    """
+    calls = itertools.count(1)
+
+    def watched(observation: Mapping[str, np.ndarray]) -> object:
+        if next(calls) != 2:
+            return act(observation)
+        before = {**getattr(target, "__dict__", {})}
+        returned = act(observation)
+        for attribute, value in getattr(target, "__dict__", {}).items():
+            if before.get(attribute) is not value:
+                log.warning(NOT_RESET, name, attribute)
+                break
+        return returned
+
+    return watched
 
 
 def _checking_policy(
