@@ -123,6 +123,14 @@ def test_the_median_episode_has_the_lower_of_two_returns(
     assert median_seed(manifest, figures) == expected
 
 
+def test_a_return_that_is_no_number_leaves_no_order(pendulums: Dataset, tmp_path: Path) -> None:
+    manifest, figures = _parts(pendulums)
+    figures[0].returns[0] = math.nan
+    write_card(tmp_path, manifest, figures)
+    text = (tmp_path / "README.md").read_text()
+    assert "mean return is nan, the median nan, the least nan and the greatest nan." in text
+
+
 def test_the_picture_and_the_film_are_shown_if_they_are_in_the_folder(
     pendulums: Dataset, tmp_path: Path
 ) -> None:

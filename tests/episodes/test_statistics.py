@@ -115,6 +115,12 @@ def test_returns_that_are_not_finite_are_null_in_json() -> None:
         assert numbers["episodes"] == 3
 
 
+def test_rewards_and_returns_that_sum_up_to_infinity_raise_no_warning() -> None:
+    score = _score(np.full(3, 1e308))
+    assert (score.total, score.final_reward) == (np.inf, np.inf)
+    assert summarise(_scores(1e308, 1e308)).mean == np.inf
+
+
 def test_returns_that_are_infinite_have_no_mean_and_raise_no_warning() -> None:
     summary = summarise(_scores(np.inf, -np.inf))
     assert np.isnan(summary.mean)

@@ -116,6 +116,8 @@ def _text(directory: Place, manifest: Manifest, figures: Sequence[Figures]) -> s
 def _sizes_and_returns(manifest: Manifest, returns: Sequence[float]) -> str:
     seeds = [file.seeds for file in manifest.files]
     episodes = len(returns)
+    if any(map(math.isnan, returns)):  # they have no order
+        returns = [math.nan] * episodes
     steps = sum(file.rows for file in manifest.files) - episodes
     size = sum(file.nbytes for file in manifest.files) / 1e6
     return (

@@ -98,7 +98,8 @@ class Episode:
     @property
     def returns(self) -> np.ndarray:
         """The rewards summed up to each step, (T,), added in order as a loop would."""
-        return np.cumsum(self.rewards)
+        with np.errstate(all="ignore"):  # a user's task may give any number
+            return np.cumsum(self.rewards)
 
     @property
     def total(self) -> float:

@@ -59,7 +59,8 @@ class Score:
           episode: if it is shorter than 100 steps, all of them count for success.
           processor: that played it, if the score is to name it.
         """
-        final = 0.0 if episode.diverged else float(np.mean(episode.rewards[-LAST_STEPS:]))
+        with np.errstate(all="ignore"):  # a user's task may give any number
+            final = 0.0 if episode.diverged else float(np.mean(episode.rewards[-LAST_STEPS:]))
         return cls(
             episode.seed,
             episode.total,
@@ -108,7 +109,7 @@ def _as_json(value: object) -> object:
 def summarise(scores: Sequence[Score]) -> Summary:
     """The summary of at least one episode."""
     returns = np.array([score.total for score in scores])
-    with np.errstate(invalid="ignore"):  # of returns that are not finite
+    with np.errstate(all="ignore"):  # of returns that are not finite, or sum up to none
         mean, median = float(np.mean(returns)), float(np.median(returns))
     return Summary(
         episodes=len(scores),
@@ -165,7 +166,7 @@ def bootstrapped(
     stream = np.random.RandomState(_BOOTSTRAP_SEED)
     at_once = max(1, _CHUNK // size)
     tail = (1 - CONFIDENCE) / 2
-    with np.errstate(invalid="ignore"):  # of returns that are not finite
+    with np.errstate(all="ignore"):  # of returns that are not finite, or sum up to none
         found = [
             draw(stream, min(at_once, resamples - first)) for first in range(0, resamples, at_once)
         ]
