@@ -3,10 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-import dm_env
 import numpy as np
 import pytest
-from dm_env import specs
 
 from limberjack import data, suite
 from limberjack.data import Kept
@@ -48,28 +46,6 @@ def named(seed: int) -> Any:
     return odd.of_class(OwnNames, seed)
 
 
-class Joined(odd.Repeating):
-    """A wrapper that joins the observations into one array without a name."""
-
-    def reset(self) -> dm_env.TimeStep:
-        return self._joined(super().reset())
-
-    def step(self, action: Any) -> dm_env.TimeStep:
-        return self._joined(super().step(action))
-
-    def observation_spec(self) -> Any:
-        return specs.Array((2,), float, name="joined")
-
-    def _joined(self, time_step: dm_env.TimeStep) -> dm_env.TimeStep:
-        joined = np.concatenate([*time_step.observation.values()])
-        return time_step._replace(observation=joined)
-
-
-def joined(seed: int) -> Any:
-    """Observations in one array."""
-    return Joined(odd.of_task(odd.Pole, seed), repeats=1)
-
-
 def pictured(seed: int) -> Any:
     """Stacked pictures."""
     pixels = {"camera": -1, "height": 8, "width": 8, "frame_stack": 2}
@@ -77,7 +53,7 @@ def pictured(seed: int) -> Any:
 
 
 _MAKES = [remembering, noisy, delaying, odd.nested, odd.scaled, odd.distracting, odd.randomized]
-_MAKES += [odd.shifting, odd.flat, odd.measuring, named, joined]
+_MAKES += [odd.shifting, odd.flat, odd.measuring, named, odd.joined]
 
 
 def _rewards(make: Any, seed: int, actions: np.ndarray, repeat: int = 1) -> list[float]:

@@ -13,7 +13,9 @@ from limberjack import policies, suite
 from limberjack.data import collect
 from limberjack.evaluation import evaluate
 from limberjack.policies import Actor, PolicyError
+from limberjack.rl.batches import batch_of
 from tests.episodes.collected import hashes, of_64, whole_hashes
+from tests.rl import odd_environments
 from tests.rollouts import run_episode
 
 _REASON = "needs the extra 'sb3'"
@@ -209,3 +211,17 @@ def test_a_normalisation_of_other_observations_is_refused(tmp_path: Path) -> Non
         PolicyError, match=r"normalises observations of shape \(55,\); the model's have"
     ):
         _find(tmp_path / "model.zip")
+
+
+def test_a_model_acts_on_observations_in_one_array_without_a_name(tmp_path: Path) -> None:
+    envs = sb3.VecEnv(batch_of(odd_environments.joined, 2, 1, seed=0))
+    _saved(tmp_path / "model.zip", envs=envs)
+    policy = f"sb3:{tmp_path / 'model.zip'}"
+    (score,) = evaluate(odd_environments.joined, None, policy, [3]).scores[policy]
+    env = odd_environments.joined(3)
+    act = policies.find(policy, env).begin_alone(env, 3)
+    time_step, total = env.reset(), 0.0
+    while not time_step.last():
+        time_step = env.step(act({"observations": time_step.observation}))
+        total += time_step.reward
+    assert score.total == total

@@ -381,6 +381,23 @@ class Repeating(dm_env.Environment):
         return self._env.action_spec()
 
 
+class Joined(Repeating):
+    """A wrapper that joins the observations into one array without a name."""
+
+    def reset(self) -> dm_env.TimeStep:
+        return self._joined(super().reset())
+
+    def step(self, action: Any) -> dm_env.TimeStep:
+        return self._joined(super().step(action))
+
+    def observation_spec(self) -> Any:
+        return specs.Array((2,), float, name="joined")
+
+    def _joined(self, time_step: dm_env.TimeStep) -> dm_env.TimeStep:
+        joined = np.concatenate([*time_step.observation.values()])
+        return time_step._replace(observation=joined)
+
+
 class Catch(dm_env.Environment):
     """Not a `control.Environment` at all: a walk on a line, with flat observations."""
 
@@ -474,6 +491,11 @@ def shifting(seed: int) -> Any:
     xml = POLE.replace('<joint name="hinge" axis="0 1 0" damping="0.1"/>', mass)
     physics = mujoco.Physics.from_xml_string(xml)
     return control.Environment(physics, LastAction(random=seed), time_limit=_LIMIT, n_sub_steps=2)
+
+
+def joined(seed: int) -> Any:
+    """Observations in one array."""
+    return Joined(of_task(Pole, seed), repeats=1)
 
 
 def flat(seed: int) -> Any:

@@ -37,6 +37,7 @@ from limberjack.gym.observations import Info, Observations, action_space
 from limberjack.registry.sets import Tasks
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_contract import Batch
+from limberjack.rl.row_step import as_mapping
 from limberjack.utils.requirements import missing_extra
 from limberjack.utils.seeds import checked_seed
 
@@ -378,7 +379,7 @@ class SavedPolicy:
         space = self._model.data["observation_space"]
         is_dict = hasattr(space, "spaces")
         dtype = np.float32 if is_dict else space.dtype
-        spec = cast(Mapping[str, specs.Array], environment.observation_spec())
+        spec = cast(Mapping[str, specs.Array], as_mapping(environment.observation_spec()))
         self._observations = Observations(spec, not is_dict, dtype)
         _check_space("observations", space, self._observations.space)
         _check_space("actions", self._model.data["action_space"], environment.action_spec())
