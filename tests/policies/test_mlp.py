@@ -137,6 +137,15 @@ def test_actions_never_leave_bounds_that_float32_cannot_represent(tmp_path: Path
         assert np.ptp(actions, axis=0).min() > 0.39
 
 
+@pytest.mark.parametrize("end", mlp.ENDS)
+def test_bounds_as_wide_as_numbers_can_be_are_those_of_any_action(end: str) -> None:
+    widest = (sys.float_info.max,) * 3
+    card = dataclasses.replace(_CARD, low=tuple(-x for x in widest), high=widest, end=end)
+    actions = mlp.Mlp(_LAYERS, card).actions(np.random.RandomState(1).randn(64, 9))
+    assert np.isfinite(actions).all()
+    assert actions.min() < 0 < actions.max()
+
+
 def test_observations_are_normalised_and_clipped_as_the_card_says(tmp_path: Path) -> None:
     mean, scale = tuple(np.linspace(-1, 1, 9).tolist()), tuple(np.linspace(0.1, 3, 9).tolist())
     card = dataclasses.replace(_CARD, mean=mean, scale=scale, clip=2.0)
@@ -371,6 +380,8 @@ def _set(header: dict[str, Any], name: str, key: str, value: object) -> None:
         ("layers.0.bias", "shape", [15]),
         ("layers.0.bias", "dtype", "F4096"),
         ("layers.0.bias", "dtype", "object"),
+        ("layers.0.bias", "dtype", "F" * 100_000),
+        ("layers.0.bias", "shape", "\n" * 300),
     ],
 )
 def test_headers_that_lie_about_the_bytes_give_one_line(name: str, key: str, value: object) -> None:
@@ -378,6 +389,7 @@ def test_headers_that_lie_about_the_bytes_give_one_line(name: str, key: str, val
     with pytest.raises(PolicyError, match="forged cannot be played") as caught:
         mlp.parse(content, "forged")
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
 
 
 def _refusal(content: bytes) -> str | None:

@@ -60,12 +60,14 @@ __all__ = [
     "CARD_KEY",
     "ENDS",
     "LEAKY_SLOPE",
+    "MOST_REPEAT",
     "Card",
     "Layer",
     "Layout",
     "Mlp",
     "Scores",
     "affine",
+    "beginning",
     "flattened",
     "float32_bounds",
     "folded",
@@ -89,9 +91,10 @@ _MOST_HEADER = 2**21
 _MOST_LAYERS = 64
 _MOST_NUMBERS = 2**20  # in an observation or an action
 _MOST_AXES = 32  # of an observation
-_MOST_REPEAT = 1000  # control steps per action
+MOST_REPEAT = 1000  # control steps per action
 _LONGEST_COMMAND = 10_000  # characters
 _LONGEST_TEXT = 200  # characters of all others
+_LONGEST_QUOTE = 300  # characters of an error of another package
 LEAKY_SLOPE = 0.01  # of PyTorch's and JAX's leaky_relu
 _LENGTH_NBYTES = 8  # of the header's length, at the beginning of the file
 
@@ -272,7 +275,7 @@ class Mlp:
         self.card = card = Card.of_json(dataclasses.replace(card, sizes=sizes).as_json())
         self._least, self._most = float32_bounds(card)
         self._low = np.array(card.low)
-        self._half_width = (np.array(card.high) - self._low) / 2
+        self._half_width = np.array(card.high) / 2 - self._low / 2  # the difference may overflow
         self._norm = None
         if card.mean is not None and card.scale is not None:
             self._norm = np.array(card.mean), np.array(card.scale)
@@ -434,10 +437,15 @@ def parse(content: bytes, title: str) -> Mlp:
             )
     except (ValueError, safetensors.SafetensorError) as error:
         raise PolicyError(
-            f"{title} cannot be played: {error}; expected a file that "
+            f"{title} cannot be played: {beginning(error)}; expected a file that "
             "`limberjack train`, `limberjack export` or limberjack.policies.mlp.save wrote"
         ) from error
     return policy
+
+
+def beginning(error: Exception) -> str:
+    """The beginning of an error that may quote a file from anyone, on one line."""
+    return " ".join(str(error).split())[:_LONGEST_QUOTE]
 
 
 def _card_of(content: bytes) -> str:
@@ -526,8 +534,8 @@ def _check(card: Card) -> None:
         )
     if card.end not in ENDS:
         raise ValueError(f"its end is {_shown(card.end)}; expected one of {', '.join(ENDS)}")
-    if not 1 <= card.action_repeat <= _MOST_REPEAT:
-        raise ValueError(f"its action_repeat is {card.action_repeat}; expected 1 to {_MOST_REPEAT}")
+    if not 1 <= card.action_repeat <= MOST_REPEAT:
+        raise ValueError(f"its action_repeat is {card.action_repeat}; expected 1 to {MOST_REPEAT}")
     if (card.mean is None) != (card.scale is None):
         raise ValueError("it has one of mean and scale; expected both or neither")
     for name, values in (("mean", card.mean), ("scale", card.scale)):

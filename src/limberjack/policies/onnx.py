@@ -138,7 +138,7 @@ class OnnxPolicy:
         try:
             (found,) = self._session.run(None, {self._input: rows})
         except Exception as error:  # of classes that the runtime does not publish
-            raise PolicyError(f"the model cannot compute ({_beginning(error)})") from error
+            raise PolicyError(f"the model cannot compute ({mlp.beginning(error)})") from error
         expected = len(rows), len(self.card.low)
         if found.shape != expected:
             raise PolicyError(f"the model returned shape {found.shape}; expected {expected}")
@@ -229,9 +229,4 @@ def _session(content: bytes) -> Any:  # Any: the package has no types
             content, options, providers=["CPUExecutionProvider"], enable_fallback=0
         )
     except Exception as error:  # of classes that the runtime does not publish
-        raise ValueError(f"the runtime refuses it ({_beginning(error)})") from error
-
-
-def _beginning(error: Exception) -> str:
-    """The beginning of an error that may quote a file from anyone."""
-    return " ".join(str(error).split())[:200]
+        raise ValueError(f"the runtime refuses it ({mlp.beginning(error)})") from error
