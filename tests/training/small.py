@@ -23,6 +23,7 @@ __all__ = [
     "remembering",
     "repeating",
     "tiring",
+    "worthless",
 ]
 
 SMALL = Settings(
@@ -151,6 +152,13 @@ class _Tiring(_Blind):
         return 1.0 - 0.1 * self._spent
 
 
+class _Worthless(_Tiring):
+    """A task whose rewards are no numbers."""
+
+    def get_reward(self, physics: Any) -> float:
+        return np.nan
+
+
 def _of(task: base.Task) -> dm_env.Environment:
     physics: Any = suite.load("pendulum", "swingup").physics
     return control.Environment(physics, task, time_limit=0.4)
@@ -159,6 +167,11 @@ def _of(task: base.Task) -> dm_env.Environment:
 def tiring(seed: int) -> dm_env.Environment:
     """A short pendulum with a task that remembers something."""
     return _of(_Tiring(random=seed))
+
+
+def worthless(seed: int) -> dm_env.Environment:
+    """A short pendulum whose rewards are no numbers."""
+    return _of(_Worthless(random=seed))
 
 
 def blind(seed: int) -> dm_env.Environment:

@@ -36,6 +36,7 @@ from tests.training.small import (
     remembering,
     repeating,
     tiring,
+    worthless,
 )
 
 _REASON = "needs the extra 'train'"
@@ -237,6 +238,16 @@ def test_the_picture_has_the_run_beside_those_that_the_package_knows(
     assert task.own.returns.tolist() == [one.mean for one in run.curve]
 
 
+def test_the_picture_says_that_a_run_had_faults_which_others_had_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = _drawn_tasks(monkeypatch)
+    _pendulum(tmp_path, steps=180, world={"faults": {"dummies": 2}})
+    (task,) = drawn
+    assert task.own is not None
+    assert task.own.name == "this run, seed 0, with faults"
+
+
 def test_without_matplotlib_a_run_finishes_and_says_why_there_is_no_picture(
     undisturbed: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -274,12 +285,39 @@ def test_a_checkpoint_of_another_form_is_damaged(change: Any, tmp_path: Path) ->
     assert threading.active_count() == threads
 
 
-def test_a_curve_without_evaluations_is_damaged(undisturbed: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("", "it has no evaluations"),
+        ("\n", "could not convert string to float"),
+        ("1,2,3,4\n", "expected 14 finite numbers in each line"),
+        ("inf" + ",0" * 13 + "\n", "expected 14 finite numbers in each line"),
+        ("0" + ",0" * 12 + ",nan\n", "expected 14 finite numbers in each line"),
+        ("0" + ",0" * 13 + "\n1,2\n", "inhomogeneous"),
+    ],
+)
+def test_a_curve_with_other_lines_is_damaged(
+    lines: str, message: str, undisturbed: Run, tmp_path: Path
+) -> None:
     shutil.copytree(undisturbed.policy.parent, tmp_path / "run")
     curve = tmp_path / "run" / "curve.csv"
-    curve.write_text(curve.read_text().splitlines()[0] + "\n")
-    with pytest.raises(ValueError, match=r"curve\.csv is damaged \(it has no evaluations\)"):
+    curve.write_text(f"{curve.read_text().splitlines()[0]}\n{lines}")
+    with pytest.raises(ValueError, match=rf"curve\.csv is damaged \(.*{message}"):
         _pendulum(tmp_path / "run", command="limberjack train")
+
+
+def test_a_run_of_random_actions_only_is_refused(undisturbed: Run, tmp_path: Path) -> None:
+    message = r"steps is 120, which are 60 actions, and random_steps = 60 come before learning"
+    with pytest.raises(ValueError, match=message):
+        _pendulum(tmp_path / "run", steps=120)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_return_that_is_no_number_stops_the_run(tmp_path: Path) -> None:
+    settings = dataclasses.replace(SMALL, time_limit=None)
+    message = r"the return of the evaluated episode with seed 2100000000 is nan after 0 control"
+    with pytest.raises(TrainingError, match=message):
+        train(worthless, out=tmp_path, settings=settings)
 
 
 def test_an_environment_that_observes_one_array_trains(tmp_path: Path) -> None:

@@ -182,6 +182,7 @@ def train(
     directory = local(out)
     began = time.process_time()
     if not (directory / POLICY).exists():  # a finished run is reported without the packages
+        _check_learns(settings)
         importlib.import_module("limberjack.training.learner")
     factory = factory_of(domain, task, settings.time_limit, world)
     identity = _identified(factory, settings, seed, demonstrations)
@@ -207,7 +208,9 @@ def _with_picture(run: Run, folder: Folder, identity: Mapping[str, object]) -> R
     """The run with a picture of its curve, which is drawn unless there is one."""
     if not folder.picture.exists():
         steps, _, seconds, means, *_ = _numbers(run.curve).T
-        own = LearningCurve(f"this run, seed {identity['seed']}", steps, seconds, means)
+        world = cast(Mapping[str, object], identity["world"] or {})
+        name = ", ".join([f"this run, seed {identity['seed']}", *(f"with {one}" for one in world)])
+        own = LearningCurve(name, steps, seconds, means)
         domain, task = (str(identity.get(name, "")) for name in ("domain", "task"))
         known = learning_of(domain, task)
         drawn = known._replace(title=title_of(identity), own=own)
@@ -237,6 +240,17 @@ def _identified(
         "settings": dataclasses.asdict(settings),
         "demonstrations": None if demonstrations is None else identity_of(demonstrations),
     }
+
+
+def _check_learns(settings: Settings) -> None:
+    """Raises ValueError unless there are actions after those that are drawn at random."""
+    actions = math.ceil(settings.steps / settings.action_repeat)
+    if actions <= settings.random_steps:
+        raise ValueError(
+            f"steps is {settings.steps}, which are {actions} actions, and random_steps = "
+            f"{settings.random_steps} come before learning begins: expected more steps, or fewer "
+            "random_steps in the settings"
+        )
 
 
 def _check_learnable(title: str, environment: dm_env.Environment, settings: Settings) -> None:
@@ -374,6 +388,13 @@ class _Training:
         actor = Batched("learned", None, self._policy().act_batch)
         played = play(self._tested, actor, _EVALUATED, action_repeat=self._settings.action_repeat)
         totals = {episode.seed: episode.total for ended in played for episode in ended}
+        for seed, total in totals.items():
+            if not math.isfinite(total):
+                raise TrainingError(
+                    f"the return of the evaluated episode with seed {seed} is {total} after "
+                    f"{self._control_steps} control steps; expected a task whose rewards are "
+                    "finite numbers"
+                )
         last = Evaluation(
             self._control_steps,
             self._learner.actions_taken,
@@ -416,7 +437,8 @@ class _Training:
 
 def _numbers(curve: Sequence[Evaluation]) -> np.ndarray:
     """The lines of curve.csv."""
-    return np.array([[*dataclasses.astuple(one)[:-1], one.mean, *one.returns] for one in curve])
+    lines = [[*dataclasses.astuple(one)[:-1], one.mean, *one.returns] for one in curve]
+    return np.array(lines, float)
 
 
 def _read_curve(path: Path) -> tuple[Evaluation, ...]:
@@ -425,6 +447,8 @@ def _read_curve(path: Path) -> tuple[Evaluation, ...]:
         lines = np.array([line.split(",") for line in path.read_text().splitlines()[1:]], float)
         if not len(lines):
             raise ValueError("it has no evaluations")
+        if lines.shape[1:] != (len(_COLUMNS),) or not np.isfinite(lines).all():
+            raise ValueError(f"expected {len(_COLUMNS)} finite numbers in each line")
         return tuple(Evaluation(int(a), int(b), c, tuple(x)) for a, b, c, _, *x in lines.tolist())
     except ValueError as error:
         raise ValueError(f"{path} is damaged ({error})") from error

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from limberjack.policies.mlp import MOST_REPEAT
 from limberjack.utils.files import read_regular
 from limberjack.utils.suggest import did_you_mean
 
@@ -29,6 +30,7 @@ __all__ = ["MOST_ROWS", "TABLE", "Settings", "read_settings", "settings_for"]
 
 MOST_ROWS = 1000  # of a run, whose seeds are a block
 _LARGEST = sys.float_info.max
+_WIDEST = 1e9  # of bounds of actions; larger ones mean 'unlimited'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +105,8 @@ class Settings:
             if not is_valid(value):
                 raise ValueError(f"{field.name} is {value!r}; expected {expected}")
         updates = self.num_envs * self.updates
-        if not math.isclose(updates, max(1, round(updates)), rel_tol=0.01):
+        whole = max(1, round(min(updates, _LARGEST)))  # an infinite number cannot be rounded
+        if not math.isclose(updates, whole, rel_tol=0.01):
             raise ValueError(
                 f"updates is {self.updates:g}, {updates:g} in all for the {self.num_envs} rows; "
                 f"expected a whole number in all, as with updates = {1 / self.num_envs:g}"
@@ -117,7 +120,9 @@ class Settings:
           ValueError: a name is unknown, or a number cannot be.
         """
         names = [field.name for field in dataclasses.fields(cls)]
-        for name in row:
+        for name, value in row.items():
+            if isinstance(value, Mapping):
+                raise ValueError(f"[{name}] begins a table; expected its lines without this one")
             if name not in names:
                 raise ValueError(f"there is no setting {name!r}.{did_you_mean(name, names)}")
         return cls(**row)
@@ -154,6 +159,14 @@ _BY_TYPE: Mapping[object, _Check] = {
 # Of the settings that their types do not describe.
 _VALID: Mapping[str, _Check] = {
     "num_envs": (lambda value: _is_count(value, MOST_ROWS), f"a whole number up to {MOST_ROWS}"),
+    "action_repeat": (
+        lambda value: _is_count(value, MOST_REPEAT),
+        f"a whole number up to {MOST_REPEAT}",
+    ),
+    "action_bound": (
+        lambda value: _is_within(value, 0, _WIDEST),
+        f"a positive number below {_WIDEST:g}",
+    ),
     "time_limit": (lambda value: value is None or _is_within(value, above=0), "seconds"),
     "noise": (lambda value: value in (0, 1) or _is_within(value, 0, 1), "a number from 0 to 1"),
     "reward_offset": (_is_within, "a number"),
