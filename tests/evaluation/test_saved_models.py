@@ -191,6 +191,28 @@ def test_a_damaged_model_is_one_error_that_names_the_file(tmp_path: Path) -> Non
         _find(tmp_path / "cut.zip")
 
 
+def test_a_file_that_is_cut_off_is_called_damaged(tmp_path: Path) -> None:
+    _saved(tmp_path / "whole.zip")
+    content = (tmp_path / "whole.zip").read_bytes()
+    (tmp_path / "half.zip").write_bytes(content[: len(content) // 2])  # has a whole file within
+    with pytest.raises(PolicyError, match=r"half\.zip (.*: it is damaged|is not a model)"):
+        _find(tmp_path / "half.zip")
+
+
+def test_networks_of_another_shape_are_one_error_that_names_the_file(tmp_path: Path) -> None:
+    _saved(tmp_path / "whole.zip")
+    _saved(tmp_path / "other.zip", envs=_envs("run_pure_state"))
+    with (
+        zipfile.ZipFile(tmp_path / "whole.zip") as whole,
+        zipfile.ZipFile(tmp_path / "other.zip") as other,
+        zipfile.ZipFile(tmp_path / "mixed.zip", "w") as mixed,
+    ):
+        for name in whole.namelist():
+            mixed.writestr(name, (other if name == "policy.pth" else whole).read(name))
+    with pytest.raises(PolicyError, match=r"(?s)mixed\.zip cannot be read .*of its own class"):
+        _find(tmp_path / "mixed.zip")
+
+
 @pytest.mark.parametrize("content", [b"", b"no pickle", pickle.dumps({"obs_rms": 1})])
 def test_a_damaged_normalisation_is_one_error_that_names_the_file(
     content: bytes, tmp_path: Path

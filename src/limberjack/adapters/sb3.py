@@ -351,8 +351,9 @@ class SavedModel:
         make = self.data["policy_class"]
         if "lr_schedule" in inspect.signature(make).parameters:  # not of a policy without gradients
             kwargs["lr_schedule"] = lambda _: 0.0
-        self.policy = make(space, self.data["action_space"], **kwargs)
-        self.policy.load_state_dict(parameters["policy"])
+        with _damage_named(path, "the networks of its own class of policies"):
+            self.policy = make(space, self.data["action_space"], **kwargs)
+            self.policy.load_state_dict(parameters["policy"])
         self.policy.set_training_mode(False)
 
 
@@ -408,8 +409,8 @@ def _saved_model(path: Path, content: bytes) -> tuple[dict[str, Any], dict[str, 
     needed = {"action_space", "observation_space", "policy_class", "policy_kwargs"}
     if not (data and parameters and needed <= data.keys() and "policy" in parameters):
         raise ValueError(
-            f"{path} holds no networks of PyTorch's, as those of SBX do not; expected a file that "
-            "model.save of Stable-Baselines3 wrote"
+            f"{path} holds no networks of PyTorch's: it is damaged, or a model of SBX; expected a "
+            "file that model.save of Stable-Baselines3 wrote"
         )
     return data, parameters
 
