@@ -55,6 +55,33 @@ def test_a_network_repeats_each_action_as_its_card_says(tmp_path: Path) -> None:
         time_step = environment.step(action)
 
 
+def test_a_network_in_memory_is_played_as_its_file_is(tmp_path: Path) -> None:
+    name = write(tmp_path / "p", action_repeat=3)
+    how = {"seeds": range(3), "time_limit": 0.5}
+    of_file, of_memory = (
+        evaluate("walker", "walk", policy, **how) for policy in (name, mlp.load(tmp_path / "p"))
+    )
+    assert of_memory.facts["action_repeat"] == 3
+    totals = [[one.total for one in each.scores[each.policy]] for each in (of_file, of_memory)]
+    assert totals[0] == totals[1]
+
+
+def test_networks_in_memory_are_told_apart_and_checked(tmp_path: Path) -> None:
+    write(tmp_path / "p", action_repeat=3)
+    policy, environment = mlp.load(tmp_path / "p"), _load()
+    other = mlp.Mlp([(weight, bias + 1) for weight, bias in policy.layers], policy.card)
+    found = [policies.find(one, environment).sha256 for one in (policy, policy, other)]
+    assert None not in found
+    assert found[0] == found[1] != found[2]
+    with pytest.raises(PolicyError, match="takes an observation 'orientations'"):
+        policies.find(policy, suite.load("cheetah", "run"))
+    late = policies.find(policy)
+    assert late.name == "limberjack.policies.mlp:Mlp"
+    time_step = environment.reset()
+    act, expected = (one.begin_alone(environment, 7) for one in (late, policies.find(policy)))
+    np.testing.assert_array_equal(act(time_step.observation), expected(time_step.observation))
+
+
 def test_an_environment_that_repeats_actions_is_asked_for_one_at_each_step(tmp_path: Path) -> None:
     name = write(tmp_path / "p", action_repeat=3)
     totals = []

@@ -1,13 +1,14 @@
 """The policy that a name or a Python object stands for."""
 
+import contextlib
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from dm_env import specs
 
-from limberjack import policies
+from limberjack import gym, policies, suite
 from tests.evaluation import evaluated
 
 _SPEC = specs.BoundedArray((21,), float, -1.0, 1.0)
@@ -32,6 +33,15 @@ def test_a_policy_may_be_given_by_name_or_as_itself(name: str) -> None:
 def test_a_policy_on_batches_needs_a_reset_for_rows() -> None:
     with pytest.raises(policies.PolicyError, match=r"write reset_batch\(rows, seeds\)"):
         policies.find("evaluated:Forgetful")
+
+
+@pytest.mark.parametrize("policy", ["pretrained", "zero"])
+def test_an_environment_of_gymnasium_is_refused_by_its_type(policy: str) -> None:
+    with (
+        contextlib.closing(gym.Env(suite.load("cartpole", "swingup"))) as environment,
+        pytest.raises(TypeError, match=r"environment is of type Env; expected a dm_env\.Env"),
+    ):
+        policies.find(policy, cast(Any, environment))
 
 
 def test_other_objects_are_refused() -> None:

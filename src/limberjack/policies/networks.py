@@ -46,6 +46,7 @@ __all__ = [
     "bundled",
     "check_fit",
     "layout_of",
+    "loaded_policy",
     "network_policy",
     "pretrained",
 ]
@@ -136,7 +137,27 @@ def network_policy(
       PolicyError: it is no such file, or the policy does not fit the environment.
     """
     policy = parse(content, f"policy {name!r}")
-    actor = _Network(name, hashlib.sha256(content).hexdigest(), policy, environment)
+    return _acting(name, hashlib.sha256(content).hexdigest(), policy, environment)
+
+
+def loaded_policy(name: str, policy: Network, environment: dm_env.Environment | None) -> Actor:
+    """The policy that a network in memory is, at its card's action repeat; see `network_policy`.
+
+    With None as environment the network is checked as its first episode begins.
+    """
+    if environment is None:
+        return Deferred(name, lambda found: loaded_policy(name, policy, found))
+    sha256 = None
+    if isinstance(policy, mlp.Mlp):
+        parts = [part.tobytes() for layer in policy.layers for part in layer]
+        sha256 = hashlib.sha256(b"".join([policy.card.as_text().encode(), *parts])).hexdigest()
+    return _acting(name, sha256, policy, environment)
+
+
+def _acting(
+    name: str, sha256: str | None, policy: Network, environment: dm_env.Environment
+) -> Actor:
+    actor = _Network(name, sha256, policy, environment)
     others = _differences(policy.card, environment)
     if others:
         log.warning(OTHER_SCORES, name, " and ".join(others))
@@ -147,7 +168,7 @@ class _Network(Batched):
     """A network, which acts on 64 rows at once."""
 
     def __init__(
-        self, name: str, sha256: str, policy: Network, environment: dm_env.Environment
+        self, name: str, sha256: str | None, policy: Network, environment: dm_env.Environment
     ) -> None:
         """Raises PolicyError if the policy does not fit the environment."""
         super().__init__(name, sha256, _fitted(name, policy, environment).act_batch)

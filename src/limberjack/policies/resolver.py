@@ -3,13 +3,15 @@
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import dm_env
 
+from limberjack.policies import mlp, onnx
 from limberjack.policies.built_in import OF_ACTIONS, PLANNER, of_actions, planner
 from limberjack.policies.kinds import Actor
 from limberjack.policies.named import actor_of, copied, instance_of, name_of, target_named
-from limberjack.policies.networks import PRETRAINED, pretrained
+from limberjack.policies.networks import PRETRAINED, Network, loaded_policy, pretrained
 from limberjack.policies.saved import is_saved_model, saved_policy
 from limberjack.utils.sources import hash_of_module, hash_of_source
 
@@ -27,7 +29,8 @@ def find(
     """The policy of a name; see `limberjack.policies` for the names.
 
     Args:
-      policy: one of the names; or the function, object or class that MODULE:CALLABLE would name.
+      policy: one of the names; or the function, object or class that MODULE:CALLABLE would name,
+        of which a network that `mlp.load` or `onnx.load` returns acts as its file would.
       environment: the one to act in, if it is known. A saved model that does not fit it, or a task
         that has no bundled policy, or no cost for the planner, is then refused here; with None as
         the first episode begins.
@@ -38,9 +41,18 @@ def find(
 
     Raises:
       PolicyError: there is no policy of that name, it cannot be called, or it does not fit.
+      TypeError: the environment is one of another library, or a batch.
     """
+    if environment is not None and not isinstance(environment, dm_env.Environment):
+        raise TypeError(
+            f"environment is of type {type(environment).__name__}; expected a dm_env.Environment, "
+            "such as suite.load makes; in a loop of Gymnasium's, call the method actions of "
+            "limberjack.policies.mlp.load(PATH)"
+        )
     if not isinstance(policy, str):
         name = name_of(policy)
+        if type(policy) in (mlp.Mlp, onnx.OnnxPolicy):
+            return loaded_policy(name, cast(Network, policy), environment)
         target = instance_of(name, policy) if inspect.isclass(policy) else policy
         return actor_of(name, hash_of_source(policy), target)
     if policy in OF_ACTIONS:
