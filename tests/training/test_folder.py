@@ -38,8 +38,11 @@ def test_one_process_at_a_time_writes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"seed": 1}, "has a run whose seed is 0, not 1: choose another folder"),
-        ({"settings": {"steps": 20}}, "whose settings.steps is 10, not 20"),
+        ({"seed": 1}, "has a run whose seed is 0, not 1: choose another folder$"),
+        (
+            {"settings": {"steps": 20}},
+            r"whose settings\.steps is 10, not 20: choose .*, or give the settings in its training",
+        ),
     ],
 )
 def test_another_run_is_refused_by_name(

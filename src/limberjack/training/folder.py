@@ -143,6 +143,8 @@ def _check(path: Path, identity: Mapping[str, object], more: Mapping[str, object
         difference = first_mismatch({"versions": more["versions"]}, found)
     if difference is not None:
         name, here, there = difference
+        other = f", or give the settings in its {_IDENTITY}" if name.startswith("settings.") else ""
         raise ValueError(
             f"{directory} has a run whose {name} is {there!r}, not {here!r}: choose another folder"
+            f"{other}"
         )
