@@ -253,6 +253,9 @@ def test_a_card_with_arrays_says_what_to_give_instead() -> None:
     ):
         with pytest.raises(ValueError, match=f"its low is .*: expected {message}"):
             mlp.Mlp(_LAYERS, dataclasses.replace(_CARD, low=low))
+    repeat: Any = np.int64(2)
+    with pytest.raises(ValueError, match=r"its action_repeat is .*: .*such as array\.tolist"):
+        mlp.Mlp(_LAYERS, dataclasses.replace(_CARD, action_repeat=repeat))
 
 
 def _whole(directory: Path) -> Path:

@@ -580,7 +580,7 @@ def _is_whole(value: object) -> bool:
 
 def _whole(value: object) -> int:
     if not _is_whole(value) or not 0 <= cast(int, value) < 2**63:
-        raise ValueError("expected whole numbers from 0 on")
+        raise ValueError("expected whole numbers from 0 on, such as array.tolist() gives")
     return cast(int, value)
 
 
