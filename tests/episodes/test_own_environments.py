@@ -119,7 +119,7 @@ def test_each_seed_is_played_in_what_the_function_makes_for_it(seeds: Any, tmp_p
 def test_names_that_a_subclass_uses_for_itself_are_not_read(tmp_path: Path) -> None:
     data.collect(named, None, "random", range(3), out=tmp_path, num_threads=1)
     assert data.load(tmp_path).policy_card("cloning", named(0)).world is None
-    facts = _identified(factory_of(named), Settings(), 0)
+    facts = _identified(factory_of(named), Settings(), 0, None)
     assert facts["world"] is None
 
 
