@@ -122,6 +122,8 @@ def test_a_transition_and_a_batch_of_them_are_found_by_number(pendulums: Dataset
     assert again["next_observations"]["velocity"] == some["next_observations"]["velocity"][0]
     with pytest.raises(IndexError, match="index 700 is out of range"):
         dataset[700]
+    with pytest.raises(TypeError, match="'float' object cannot be interpreted as an integer"):
+        dataset[1.5]  # pyright: ignore[reportArgumentType]
     sampler = torch.utils.data.BatchSampler(range(700), 256, drop_last=False)
     sizes = [len(s["rewards"]) for s in DataLoader(dataset, batch_size=None, sampler=sampler)]
     assert sizes == [256, 256, 188]

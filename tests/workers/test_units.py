@@ -1,6 +1,7 @@
 """Splitting seeds at multiples of 64."""
 
 import itertools
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,7 @@ def test_seeds_in_any_order_are_together_with_those_of_their_block() -> None:
 @pytest.mark.parametrize("shards", range(1, 8))
 @pytest.mark.parametrize("seeds", [range(300), range(60, 70), [9]])
 def test_shards_partition_the_seeds_at_multiples_of_64(shards: int, seeds: list[int]) -> None:
-    parts = [shard_of(seeds, number, shards) for number in range(1, shards + 1)]
+    parts = [shard_of(seeds, (number, shards)) for number in range(1, shards + 1)]
     assert list(itertools.chain(*parts)) == list(seeds)
     blocks = [{seed // 64 for seed in part} for part in parts]
     assert sum(map(len, blocks)) == len(set().union(*blocks))
@@ -32,10 +33,16 @@ def test_shards_partition_the_seeds_at_multiples_of_64(shards: int, seeds: list[
     assert max(counts) - min(counts) <= 1
 
 
+@pytest.mark.parametrize("shard", ["1/2", (1, 2, 3), (1.0, 2)])
+def test_a_shard_that_is_no_pair_of_whole_numbers_is_refused(shard: Any) -> None:
+    with pytest.raises(TypeError, match=r"expected a pair \(K, N\)|'float' object"):
+        shard_of(range(10), shard)
+
+
 @pytest.mark.parametrize("shard", [(0, 3), (4, 3), (1, 0)])
 def test_a_shard_that_does_not_exist_is_refused(shard: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match=r"expected K/N with K from 1 to N"):
-        shard_of(range(10), *shard)
+        shard_of(range(10), shard)
 
 
 def test_a_unit_is_shown_with_its_policy_and_its_seeds() -> None:

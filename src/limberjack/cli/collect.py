@@ -215,7 +215,7 @@ def _count(task_set: str | None, seeds: Sequence[int], part: tuple[int, int] | N
     from limberjack.registry.sets import tasks_of
     from limberjack.workers import shard_of
 
-    of_one = len(seeds if part is None else shard_of(seeds, *part))
+    of_one = len(seeds if part is None else shard_of(seeds, part))
     return of_one if task_set is None else of_one * len(tasks_of(task_set))
 
 

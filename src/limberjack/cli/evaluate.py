@@ -251,7 +251,7 @@ def _count(seeds: range, shard: tuple[int, int] | None, policy: str) -> int:
     from limberjack.evaluation import FLOORS
     from limberjack.workers import shard_of
 
-    mine = seeds if shard is None else shard_of(seeds, *shard)
+    mine = seeds if shard is None else shard_of(seeds, shard)
     return len(mine) * len({policy, *FLOORS})
 
 

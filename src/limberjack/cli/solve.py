@@ -86,7 +86,7 @@ def _solve(
             from limberjack.episodes.running import Run
             from limberjack.workers import Scale, shard_of
 
-            if part is not None and not shard_of(chosen, *part):
+            if part is not None and not shard_of(chosen, part):
                 typer.echo(f"shard {shard} has no episode: there are fewer blocks than shards")
                 raise typer.Exit
             explaining = _Explaining()

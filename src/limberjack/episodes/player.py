@@ -86,7 +86,7 @@ class Player:
         """
         self.scale = scale or Scale()
         self.wanted = seeds
-        self.seeds = seeds if shard is None else shard_of(seeds, *shard)
+        self.seeds = seeds if shard is None else shard_of(seeds, shard)
         self.factory = factory_of(domain, task, time_limit, world)
         how = {"is_kept": is_kept, "vectorised": self.scale.vectorised}
         self.environment = checked_environment(self.factory, seeds, **how)

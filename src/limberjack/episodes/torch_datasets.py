@@ -20,6 +20,7 @@ torch.
 """
 
 import dataclasses
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -81,7 +82,7 @@ class Transitions(torch.utils.data.Dataset):
         """A transition, or a batch of several; raises IndexError if there is no such one."""
         if isinstance(index, Sequence | np.ndarray):
             return tensors(self._dataset.transitions(index))
-        return _item(tensors(self._dataset.transitions([int(index)])), 0)
+        return _item(tensors(self._dataset.transitions([operator.index(index)])), 0)
 
     def __getitems__(self, indices: Sequence[int]) -> list[_Sample]:
         """Single transitions, read together; a `DataLoader` calls it."""

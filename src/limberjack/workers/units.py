@@ -1,7 +1,7 @@
 """Units of work: the seeds that one worker plays at a time, and the seeds of a shard.
 
     units_of(range(60, 130), 64)      # [(60, ..., 63), (64, ..., 127), (128, 129)]
-    shard_of(range(1000), 2, 8)       # the second of eight parts, in whole blocks of 64
+    shard_of(range(1000), (2, 8))     # the second of eight parts, in whole blocks of 64
 
 Units and shards are split at seeds that are multiples of 64, because an episode has row
 `seed % 64` of a batch.
@@ -9,6 +9,7 @@ Units and shards are split at seeds that are multiples of 64, because an episode
 
 import collections
 import dataclasses
+import operator
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -59,19 +60,22 @@ def units_of(seeds: Iterable[int], size: int = ROWS) -> list[tuple[int, ...]]:
     return [tuple(block) for block in blocks.values()]
 
 
-def shard_of(seeds: Sequence[int], shard: int, shards: int) -> list[int]:
+def shard_of(seeds: Sequence[int], shard: tuple[int, int]) -> list[int]:
     """The seeds of one of several shards; none where there are fewer blocks of 64 than shards.
 
     Args:
       seeds: all of them, the same for each shard.
-      shard: its number, from 1 to `shards`.
-      shards: their number.
+      shard: its number, from 1 on, and the number of all shards.
 
     Raises:
+      TypeError: it is no pair of whole numbers.
       ValueError: there is no such shard.
     """
-    if not 1 <= shard <= shards:
-        raise ValueError(f"shard is {shard}/{shards}; expected K/N with K from 1 to N")
+    if isinstance(shard, str) or len(shard) != 2:
+        raise TypeError(f"shard is {shard!r}; expected a pair (K, N), such as (1, 2)")
+    number, count = map(operator.index, shard)
+    if not 1 <= number <= count:
+        raise ValueError(f"shard is {number}/{count}; expected K/N with K from 1 to N")
     blocks = units_of(seeds)
-    first, end = (len(blocks) * part // shards for part in (shard - 1, shard))
+    first, end = (len(blocks) * part // count for part in (number - 1, number))
     return [seed for block in blocks[first:end] for seed in block]
