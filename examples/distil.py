@@ -5,8 +5,7 @@
 
 It collects 40 episodes of the planner, half a minute of one core each. Then it trains: half of each
 batch is demonstrations, and most episodes begin at a moment of one, so that the hand is often near
-the ball, and the ball near its target, long before the network knows the way there. In half of
-these the target is elsewhere, or the network would know 40 targets only. At the end it
+the ball, and the ball near its target, long before the network knows the way there. At the end it
 plays the task itself, with its own starts, on seeds that neither has seen, and leaves
 distilled/policy.safetensors, which `limberjack view manipulator bring_ball --policy
 mlp:distilled/policy.safetensors` plays. A call that was killed continues.
@@ -28,8 +27,7 @@ from limberjack.training import Settings, train
 
 _TASK = "manipulator", "bring_ball"
 _SHOWN = range(30_000, 30_040)  # seeds of the demonstrations; those of the scores begin at 0
-_SHARE = 0.75  # of the episodes, which begin at a moment of a demonstration
-_MOVED = 0.5  # of these, in which the target is not where it was
+_SHARE = 0.7  # of the episodes, which begin at a moment of a demonstration
 _UNTIL = 0.6  # of a demonstration: then it only holds the ball
 _SECONDS = 4.0  # of an episode in training: more starts in the same time
 _SHOWN_EVERY = 10_000  # control steps
@@ -75,9 +73,8 @@ class _FromDemonstrations(manipulator.Bring):
         shown, steps, _ = qpos.shape
         one, moment = self.random.randint(shown), self.random.randint(int(_UNTIL * steps))
         physics.data.qpos[:], physics.data.qvel[:] = qpos[one, moment], qvel[one, moment]
-        if self.random.uniform() > _MOVED:
-            for name, drawn in fields.items():
-                getattr(physics.model, name)[:] = drawn[one]
+        for name, drawn in fields.items():
+            getattr(physics.model, name)[:] = drawn[one]
         physics.after_reset()
 
 
