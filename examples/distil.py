@@ -1,4 +1,4 @@
-"""A network learns to bring a ball from demonstrations of the planner, which sees the simulator.
+"""A first try: a network learns to bring a ball from the planner, which sees the simulator.
 
     pip install 'limberjack[data,train]'
     python examples/distil.py --out distilled
@@ -8,7 +8,8 @@ batch is demonstrations, and most episodes begin at a moment of one, so that the
 the ball, and the ball near its target, long before the network knows the way there. At the end it
 plays the task itself, with its own starts, on seeds that neither has seen, and leaves
 distilled/policy.safetensors, which `limberjack view manipulator bring_ball --policy
-mlp:distilled/policy.safetensors` plays. A call that was killed continues.
+mlp:distilled/policy.safetensors` plays. A call that was killed continues. docs/training.md has what
+it reached: it knows the demonstrations, and little else.
 """
 
 import argparse
