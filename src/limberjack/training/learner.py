@@ -39,7 +39,6 @@ try:
         import jax  # pyright: ignore[reportMissingImports]
         import sbx  # pyright: ignore[reportMissingImports]
         import tensorboard  # noqa: F401  # pyright: ignore[reportMissingImports] (used by SB3)
-        import torch  # pyright: ignore[reportMissingImports] (of SB3's batches)
         from flax import serialization  # pyright: ignore[reportMissingImports]
         from stable_baselines3.common import (  # pyright: ignore[reportMissingImports]
             buffers,
@@ -288,7 +287,8 @@ class _Transitions(buffers.NStepReplayBuffer):  # pyright: ignore[reportUntypedB
         half = batch_size // 2
         both = super().sample(batch_size - half, env), self._shown.sample(half, env)
         order = np.random.permutation(batch_size)  # the batches of a call are parts of the sample
-        return type(both[0])(*(torch.cat(parts)[order] for parts in zip(*both, strict=True)))
+        fields = (np.concatenate([part.numpy() for part in of]) for of in zip(*both, strict=True))
+        return type(both[0])(*(self.to_torch(field[order]) for field in fields))
 
     def add(self, obs: _Tree, next_obs: _Tree, action: _Tree, reward: _Tree, *more: _Tree) -> None:
         super().add(obs, next_obs, action, reward - self._offset, *more)
