@@ -14,6 +14,8 @@
 Only the manifest and footers are read at first, and then one file of episodes at a time, or single
 episodes by `transitions`. A dataset may come from anyone: nothing in it is executed, and a damaged
 file is an error that names it.
+
+It is one idea, and long: each way to read transitions needs the same files, choices and order.
 """
 
 import bisect

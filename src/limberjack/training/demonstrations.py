@@ -118,7 +118,7 @@ def check_of_task(dataset: Dataset, domain: str | None, task: str | None) -> Non
 
 
 def identity_of(dataset: Dataset) -> dict[str, object]:
-    """What distinguishes a dataset from others, as values of JSON."""
+    """Values of JSON that distinguish a dataset from others."""
     named = [dataset.seeds, dataset.sha256(), dataset.observed]
     digest = hashlib.sha256(json.dumps(named, sort_keys=True).encode())
     return {"episodes": len(dataset), "sha256": digest.hexdigest()}
