@@ -1,7 +1,8 @@
 """A first try: a network learns to bring a ball from the planner, which sees the simulator.
 
-    pip install 'limberjack[data,train]'
-    python examples/distil.py --out distilled
+    pip install sbx-rl stable-baselines3 tensorboard torch
+    pip install fsspec pyarrow
+    python examples/distil.py --steps 600000 --out distilled
 
 It collects 40 episodes of the planner, half a minute of one core each. Then it trains: half of each
 batch is demonstrations, and most episodes begin at a moment of one, so that the hand is often near

@@ -41,9 +41,9 @@ def find(
 
     Raises:
       PolicyError: there is no policy of that name, it cannot be called, or it does not fit.
-      TypeError: the environment is one of another library, or a batch.
+      TypeError: the environment is one of another library, without `action_spec`.
     """
-    if environment is not None and not isinstance(environment, dm_env.Environment):
+    if environment is not None and not hasattr(environment, "action_spec"):
         raise TypeError(
             f"environment is of type {type(environment).__name__}; expected a dm_env.Environment, "
             "such as suite.load makes; in a loop of Gymnasium's, call the method actions of "
