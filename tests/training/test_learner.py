@@ -210,7 +210,7 @@ def test_what_acts_is_an_average_of_policies(pendulum: Any) -> None:
 @pytest.mark.parametrize("name", TABLE)
 def test_each_number_of_a_row_reaches_the_algorithm(name: str) -> None:
     row = TABLE[name]
-    given = learner._arguments(row)
+    given = learner._arguments(row, None)
     assert given["learning_rate"] == row.learning_rate
     assert given["batch_size"] == row.batch_size
     assert given["gamma"] == row.discount
