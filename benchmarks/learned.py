@@ -252,10 +252,8 @@ def _scored(folder: Path) -> tuple[_Result, Evaluation]:
     evaluation = evaluate(*where, f"mlp:{path}", SEEDS, time_limit=_time_limit(*where))
     summary = evaluation.summary()
     scores = evaluation.scores[evaluation.policy]
-    lines, curve = [], folder / "curve.csv"
-    if curve.exists():  # not where the evaluations of the training are of other episodes
-        with curve.open(encoding="utf-8") as file:
-            _, *lines = csv.reader(file)
+    with (folder / "curve.csv").open(encoding="utf-8") as file:
+        _, *lines = csv.reader(file)
     run = {
         "seed": card.seeds[0],
         "command": _command(folder, card),
@@ -366,8 +364,6 @@ def known_curves(found: Iterable[_Result]) -> str:
     """The text of the package's file of learning curves."""
     known = {}
     for result in found:
-        if not any(run["curve"] for run in result["runs"]):
-            continue
         best = published.best(result["domain"], result["task"], _MILLION)
         known[f"{result['domain']}-{result['task']}"] = {
             "published": best and {"mean": best.mean, "algorithm": best.algorithm},

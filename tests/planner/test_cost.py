@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -166,59 +167,68 @@ def test_files_of_a_task_include_what_its_cost_imports_indirectly() -> None:
     assert not {"insert.py", "release.py"} & names  # of insertion alone
 
 
+@pytest.fixture
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], Path]]:
+    """Writes a module of the user's own, by its name and text, which can be imported."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    written: list[Path] = []
+
+    def module(name: str, text: str) -> Path:
+        written.append(tmp_path / f"{name}.py")
+        written[-1].write_text(text)
+        return written[-1]
+
+    yield module
+    for file in written:
+        sys.modules.pop(file.stem, None)
+
+
 def test_the_file_of_a_cost_outside_the_planner_comes_last(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    write: Callable[[str, str], Path],
 ) -> None:
-    (tmp_path / "cost_of_mine.py").write_text(
+    file = write(
+        "cost_of_mine",
         "import limberjack.planner.arm.path\n"
         "from limberjack.planner.stacker import tower\n"
-        "class Still(limberjack.planner.Cost): pass\n"
+        "class Still(limberjack.planner.Cost): pass\n",
     )
-    monkeypatch.syspath_prepend(str(tmp_path))
     task = SimpleNamespace(planner_cost="cost_of_mine:Still")
     assert isinstance(cost_for(task), Cost)
     *others, own = sources_for(task)
-    assert own == tmp_path / "cost_of_mine.py"
+    assert own == file
     shared = _PLANNER, _PLANNER / "optimisers"
     imported = {file for file in others if file.parent not in shared}
     of_arm = {_PLANNER / "arm" / name for name in ("path.py", "watchdog.py")}
     assert imported == {*of_arm, _PLANNER / "stacker" / "tower.py"}
-    del sys.modules["cost_of_mine"]
+
+
+_LOW = "def low(physics):\n    return {'height': physics.head_height()}\n"
 
 
 def test_a_task_may_name_a_function_whose_file_it_depends_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    write: Callable[[str, str], Path],
 ) -> None:
-    (tmp_path / "function_of_mine.py").write_text(
-        "def low(physics):\n    return {'height': physics.head_height()}\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
+    file = write("function_of_mine", _LOW)
     task = SimpleNamespace(planner_cost="function_of_mine:low")
     assert list(cost_for(task).terms(_env().physics)) == ["height"]
-    assert sources_for(task)[-1] == tmp_path / "function_of_mine.py"
-    del sys.modules["function_of_mine"]
+    assert sources_for(task)[-1] == file
 
 
 def test_a_task_depends_on_the_file_of_a_decorated_cost_and_on_that_of_its_decorator(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    write: Callable[[str, str], Path],
 ) -> None:
-    (tmp_path / "halves.py").write_text(
+    halves = write(
+        "halves",
         "import functools\n"
         "def halved(cost):\n"
         "    @functools.wraps(cost)\n"
         "    def half(physics):\n"
         "        return {name: term / 2 for name, term in cost(physics).items()}\n"
-        "    return half\n"
+        "    return half\n",
     )
-    (tmp_path / "decorated.py").write_text(
-        "from halves import halved\n"
-        "@halved\n"
-        "def low(physics):\n    return {'height': physics.head_height()}\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
+    decorated = write("decorated", f"from halves import halved\n@halved\n{_LOW}")
     files = sources_for(SimpleNamespace(planner_cost="decorated:low"))
-    assert files[-2:] == [tmp_path / "decorated.py", tmp_path / "halves.py"]
-    del sys.modules["decorated"], sys.modules["halves"]
+    assert files[-2:] == [decorated, halves]
 
 
 def test_a_task_without_a_cost_is_told_what_to_write() -> None:

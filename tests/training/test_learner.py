@@ -124,7 +124,7 @@ def test_half_of_each_batch_is_demonstrations(tmp_path: Path) -> None:
     assert (drawn.next_observations.numpy()[is_shown] == 8).all()
     np.testing.assert_array_equal(drawn.rewards.numpy()[is_shown], 7 - 0.5 * 2)
     actions = np.unique(drawn.actions.numpy()[is_shown])  # as the policy's, between -1 and 1
-    np.testing.assert_allclose(actions, np.linspace(-0.75, 0.75, count), atol=1e-6)
+    np.testing.assert_allclose(actions, np.linspace(-0.75, 0.75, count), atol=1e-6)  # float32
     ended = drawn.dones.numpy()[is_shown].mean()
     assert 0.04 < ended < 0.11  # three of forty: the fourth end is by the limit
     assert not (drawn.rewards.numpy()[~is_shown] == 6).any()

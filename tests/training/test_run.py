@@ -152,11 +152,14 @@ def test_a_killed_run_continues_with_the_same_demonstrations_alone(tmp_path: Pat
     whole = _pendulum(tmp_path / "whole", demonstrations=shown, **how)
     alone = _pendulum(tmp_path / "alone", **how)
     assert whole.policy.read_bytes() != alone.policy.read_bytes()
+    assert mlp.load(whole.policy).card.algorithm == "CrossQ with demonstrations"
     how["on_progress"] = _killed_at(200)
     with pytest.raises(_KilledError):
         _pendulum(tmp_path / "run", demonstrations=shown, **how)
     del how["on_progress"]
-    with pytest.raises(ValueError, match=r"a run whose demonstrations is \{'episodes': 3"):
+    with pytest.raises(
+        ValueError, match="a run whose algorithm is 'CrossQ with demonstrations', not"
+    ):
         _pendulum(tmp_path / "run", **how)
     with pytest.raises(ValueError, match=r"demonstrations\.episodes is 3, not 1: choose"):
         _pendulum(tmp_path / "run", demonstrations=shown.part(0, 2), **how)

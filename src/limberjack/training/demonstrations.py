@@ -7,7 +7,6 @@ shown.rewards           # (N,), summed over the control steps of each action
 
 import hashlib
 import json
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -57,19 +56,16 @@ def demonstrations_of(
       ValueError: the dataset lacks an observation, or has other shapes, or a file is damaged.
     """
     parts = [
-        Demonstrations(*columns)
+        _of_episode(episode, layout, action_repeat, low, high)
         for episode in dataset
-        for columns in _of_episode(episode, layout, action_repeat, low, high)
+        if episode.length
     ]
     return Demonstrations(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _of_episode(
     episode: Episode, layout: mlp.Layout, repeat: int, low: np.ndarray, high: np.ndarray
-) -> Iterator[tuple[np.ndarray, ...]]:
-    """The actions of an episode; none if it has no steps."""
-    if not episode.length:
-        return
+) -> Demonstrations:
     first = np.arange(0, episode.length, repeat)
     last = np.minimum(first + repeat, episode.length)  # its end may cut an action short
     if episode.actions.shape[1:] != low.shape:
@@ -77,10 +73,11 @@ def _of_episode(
             f"demonstrations have actions of shape {episode.actions.shape[1:]}; expected "
             f"{low.shape}, as the environment's"
         )
-    seen = _flat(episode, layout)
+    _check_observations(episode, layout)
+    seen = mlp.flattened(layout, episode.observations)  # (T + 1, n)
     actions = np.add.reduceat(episode.actions, first) / (last - first)[:, None]
     ends = last == episode.length
-    yield (
+    return Demonstrations(
         seen[first],
         seen[last],
         np.clip(actions, low, high).astype(np.float32),
@@ -90,9 +87,7 @@ def _of_episode(
     )
 
 
-def _flat(episode: Episode, layout: mlp.Layout) -> np.ndarray:
-    """The observations of an episode of T steps in one array, (T + 1, n)."""
-    columns = []
+def _check_observations(episode: Episode, layout: mlp.Layout) -> None:
     for name, shape in layout:
         seen = episode.observations.get(name)
         if seen is None or seen.shape[1:] != shape:
@@ -101,8 +96,6 @@ def _flat(episode: Episode, layout: mlp.Layout) -> np.ndarray:
                 f"demonstrations have {found} {name!r}; expected shape {shape}, as the "
                 "environment's: collect them in the same task"
             )
-        columns.append(seen.reshape(len(seen), -1))
-    return np.concatenate(columns, axis=1).astype(np.float32)
 
 
 def check_of_task(dataset: Dataset, domain: str | None, task: str | None) -> None:

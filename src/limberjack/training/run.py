@@ -234,7 +234,7 @@ def _identified(
         "format": _FORMAT,
         **factory.facts,
         "fingerprint": fingerprint(inside(environment).physics.model._official),
-        "algorithm": "CrossQ",
+        "algorithm": "CrossQ" if demonstrations is None else "CrossQ with demonstrations",
         "seed": seed,
         "world": shown_by(inside(environment), "world"),
         "settings": dataclasses.asdict(settings),
