@@ -9,7 +9,7 @@ from typing import Any
 import fresh
 import numpy as np
 import peers
-from report import Row, at_least, at_most, spread
+from report import Row, at_least, at_most, compared, figure, rates, spread
 
 from limberjack import bench
 from limberjack.gym.loading import load_vector
@@ -119,19 +119,12 @@ def _threads_row(domain: str, task: str, count: int, seconds: float) -> Row:
         }
         taken = bench.take_turns(players, one.actions, seconds)
     gains = {
-        name: [a / b for a, b in zip(taken[f"{name}, 1"], taken[name], strict=True)]
+        name: spread([a / b for a, b in zip(taken[f"{name}, 1"], taken[name], strict=True)])
         for name in ("alone", "batch", "vector")
     }
-    return Row(
-        measure=f"{count} threads / 1",
-        subject=f"{domain}:{task}, N={_NUM_ENVS}",
-        ours=_NUM_ENVS / statistics.median(taken["vector"]),
-        theirs=_NUM_ENVS / statistics.median(taken["vector, 1"]),
-        unit="/s",
-        value=statistics.median(gains["vector"]),
-        bar=at_least(_OF_EACH_THREAD * count),
-        details={name: spread(values) for name, values in gains.items()},
-    )
+    ours, theirs = (rates(taken[name], _NUM_ENVS) for name in ("vector", "vector, 1"))
+    subject, bar = f"{domain}:{task}, N={_NUM_ENVS}", at_least(_OF_EACH_THREAD * count)
+    return compared(f"{count} threads / 1", subject, ours, theirs, "/s", bar, gains)
 
 
 def measure_memory(num_envs: int) -> list[Row]:
@@ -149,20 +142,9 @@ def measure_memory(num_envs: int) -> list[Row]:
     }
     few, many = sizes.values()
     value = None if few is None or many is None else (many - few) / (num_envs - num_envs // 2)
-    domain, task = _MEASURED_TASK
-    return [
-        Row(
-            measure="memory of one more row",
-            subject=f"{domain}:{task}, N={num_envs}",
-            ours=value,
-            theirs=None,
-            unit="MB",
-            value=value,
-            value_unit="MB",
-            bar=_MEMORY,
-            details={"megabytes": {str(count): size for count, size in sizes.items()}},
-        )
-    ]
+    subject = f"{':'.join(_MEASURED_TASK)}, N={num_envs}"
+    details = {"megabytes": {str(count): size for count, size in sizes.items()}}
+    return [figure("memory of one more row", subject, value, "MB", _MEMORY, details)]
 
 
 def measure_pipelining(
@@ -208,17 +190,10 @@ def _pipelining_row(
         waits.append(wait)
     plain.close()
     halves.close()
-    ratios = [a / b for a, b in zip(seconds["plain"], seconds["halves"], strict=True)]
-    return Row(
-        measure="two halves / plain loop",
-        subject=f"{domain}:{task}, N={_NUM_ENVS}",
-        ours=num_steps * _NUM_ENVS / statistics.median(seconds["halves"]),
-        theirs=num_steps * _NUM_ENVS / statistics.median(seconds["plain"]),
-        unit="/s",
-        value=statistics.median(ratios),
-        bar=_PIPELINING,
-        details={"ratio": spread(ratios), "policy_waits_ms": 1e3 * statistics.median(waits)},
-    )
+    ours, theirs = (rates(seconds[n], num_steps * _NUM_ENVS) for n in ("halves", "plain"))
+    subject = f"{domain}:{task}, N={_NUM_ENVS}"
+    details = {"policy_waits_ms": 1e3 * statistics.median(waits)}
+    return compared("two halves / plain loop", subject, ours, theirs, "/s", _PIPELINING, details)
 
 
 def _plain_loop(env: Any, actions: np.ndarray, wait: float) -> None:

@@ -8,14 +8,13 @@ README.md describes the comparisons. The exit status is 1 if a bar is missed.
 import collections
 import contextlib
 import dataclasses
-import statistics
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import typer
-from report import Bar, Json, Quick, Row, at_least, finish, spread
+from report import Json, Quick, Row, at_least, compared, finish, spread
 
 from limberjack import data
 from limberjack.episodes.player import Player
@@ -49,22 +48,11 @@ def _measure(domain: str, task: str, effort: Effort) -> Iterator[Row]:
             rates["evaluate"].append(_evaluated(domain, task, seeds, effort))
             rates["collect"].append(_collected(domain, task, seeds, effort, Path(folder)))
             rates["read"].append(_read(Path(folder)))
-    yield _row("collect / evaluate", f"{domain}:{task}", rates, "collect", _COLLECTING)
-    yield _row("read / evaluate", f"{domain}:{task}", rates, "read", _READING)
-
-
-def _row(measure: str, subject: str, rates: dict[str, list[float]], ours: str, bar: Bar) -> Row:
-    ratios = [a / b for a, b in zip(rates[ours], rates["evaluate"], strict=True)]
-    return Row(
-        measure,
-        subject,
-        statistics.median(rates[ours]),
-        statistics.median(rates["evaluate"]),
-        "steps/s",
-        statistics.median(ratios),
-        bar=bar,
-        details={"ratio": spread(ratios), "steps_per_second": spread(rates[ours])},
-    )
+    theirs = rates.pop("evaluate")
+    for (name, ours), bar in zip(rates.items(), (_COLLECTING, _READING), strict=True):
+        details = {"steps_per_second": spread(ours)}
+        subject = f"{domain}:{task}"
+        yield compared(f"{name} / evaluate", subject, ours, theirs, "steps/s", bar, details)
 
 
 def _evaluated(domain: str, task: str, seeds: range, effort: Effort) -> float:

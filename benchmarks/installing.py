@@ -16,7 +16,7 @@ from pathlib import Path
 
 import fresh
 import typer
-from report import Json, Row, finish
+from report import Json, figure, finish
 
 __all__ = ["main"]
 
@@ -56,8 +56,8 @@ def main(json: Json = None) -> None:
     total = sum(sizes.values()) / 1e6
     largest = dict(sorted(sizes.items(), key=lambda item: -item[1]))
     rows = [
-        Row("packages", "pip install .", len(others), None, "", len(others)),
-        Row("disk", "pip install .", total, None, "MB", total, "MB", details={"bytes": largest}),
+        figure("packages", "pip install .", len(others), ""),
+        figure("disk", "pip install .", total, "MB", details={"bytes": largest}),
     ]
     finish(rows, "", json=json)
 

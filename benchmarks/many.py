@@ -18,7 +18,7 @@ import footprint
 import fresh
 import numpy as np
 import typer
-from report import Json, Quick, Row, at_least, at_most, finish, spread
+from report import Json, Quick, Row, at_least, at_most, figure, finish, spread
 
 from limberjack import bench, gym
 from limberjack.rl.action_specs import bounds_to_try
@@ -146,9 +146,9 @@ def _making(effort: Effort) -> list[Row]:
         ("after_a_step", None, "peak megabytes after a step"),
         ("threads", _THREADS, "threads more"),
     ):
-        values = [one[name] for one in found]
-        median = statistics.median(values)
-        rows.append(Row(measure, subject, median, None, "", median, bar=bar))
+        rows.append(
+            figure(measure, subject, statistics.median(one[name] for one in found), "", bar)
+        )
     return rows
 
 

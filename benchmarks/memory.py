@@ -15,7 +15,7 @@ import footprint
 import fresh
 import peers
 import typer
-from report import Bar, Json, Row, at_most, finish
+from report import Bar, Json, Row, at_most, figure, finish
 
 __all__ = [
     "NUM_CYCLES",
@@ -79,17 +79,7 @@ def _growth_row(
     found = fresh.call("memory", function, count, variables=peers.WITHOUT_OPENGL)
     first, last = found[series][0], found[series][-1]
     growth = None if first is None or last is None else last - first
-    return Row(
-        measure="memory grows by",
-        subject=subject,
-        ours=growth,
-        theirs=None,
-        unit="MB",
-        value=growth,
-        value_unit="MB",
-        bar=bar,
-        details={"megabytes": found},
-    )
+    return figure("memory grows by", subject, growth, "MB", bar, {"megabytes": found})
 
 
 def _environment_rows(domain: str, task: str) -> list[Row]:

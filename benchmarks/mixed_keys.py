@@ -7,13 +7,12 @@ Limberjack and dm_control, which alternate in blocks of steps.
 
 import collections
 import importlib
-import statistics
 import time
 from typing import Any
 
 import numpy as np
 import peers
-from report import Row, at_least, spread
+from report import Row, at_least, compared, rates
 
 __all__ = ["measure"]
 
@@ -107,7 +106,9 @@ def measure(num_episodes: int, num_steps: int) -> list[Row]:
                     seconds[package].append(_seconds(environments[package][name], actions))
                 order.append(order.pop(0))
             _check_same(name, [environments[package][name] for package in packages])
-        rows.append(_row(name, seconds))
+        ours, theirs = (rates(seconds.get(one, [])) for one in (peers.OURS, peers.THEIRS))
+        measure = "steps per second, mixed keys"
+        rows.append(compared(measure, name, ours, theirs, "/s", _FASTER))
     return rows
 
 
@@ -123,18 +124,3 @@ def _check_same(name: str, environments: list[Any]) -> None:
     states = [environment.physics.get_state() for environment in environments]
     if any(not np.array_equal(state, states[0]) for state in states):
         raise RuntimeError(f"{name}: the packages did not do the same steps")
-
-
-def _row(name: str, seconds: dict[str, list[float]]) -> Row:
-    theirs = seconds.get(peers.THEIRS, [])
-    ratios = [b / a for a, b in zip(seconds[peers.OURS], theirs, strict=False)]
-    return Row(
-        measure="steps per second, mixed keys",
-        subject=name,
-        ours=1 / statistics.median(seconds[peers.OURS]),
-        theirs=1 / statistics.median(theirs) if theirs else None,
-        unit="/s",
-        value=statistics.median(ratios) if ratios else None,
-        bar=_FASTER,
-        details={"ratio_of_each_block": spread(ratios)} if ratios else {},
-    )

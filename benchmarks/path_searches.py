@@ -14,7 +14,7 @@ from unittest import mock
 
 import numpy as np
 import typer
-from report import Bar, Json, Quick, Row, at_most, finish
+from report import Bar, Json, Quick, Row, at_most, figure, finish
 
 from limberjack import suite
 from limberjack.planner import Planner
@@ -62,8 +62,7 @@ def _play(task: str, seed: int, steps: int) -> None:
 
 def _row(name: str, times: list[float], share: int, bar: Bar | None) -> Row:
     milliseconds = float(np.percentile(times, share))
-    subject = f"{len(times)} searches"
-    return Row(f"path search, {name}", subject, milliseconds, None, "ms", milliseconds, "ms", bar)
+    return figure(f"path search, {name}", f"{len(times)} searches", milliseconds, "ms", bar)
 
 
 def main(

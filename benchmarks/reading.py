@@ -9,7 +9,6 @@ import collections
 import contextlib
 import dataclasses
 import socket
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -18,7 +17,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import typer
-from report import Bar, Json, Quick, Row, at_least, finish, spread
+from report import Bar, Json, Quick, Row, at_least, compared, finish, rates, spread
 
 from limberjack import data
 
@@ -140,23 +139,14 @@ def _over_loopback(folder: str, subject: str, turns: int) -> Row:
         local, remote = data.load(folder), data.load(url)
         _batches(local), _batches(remote)
         pairs = [(_seconds(remote), _seconds(local)) for _ in range(turns)]
-    ratios = [ours / theirs for theirs, ours in pairs]
-    rates = [[local.steps / seconds for seconds in side] for side in zip(*pairs, strict=True)]
-    return Row(
-        "batches over loopback / batches",
-        subject,
-        statistics.median(rates[0]),
-        statistics.median(rates[1]),
-        "steps/s",
-        statistics.median(ratios),
-        bar=at_least(0.7),
-        details={"ratio": spread(ratios), "steps_per_second": spread(rates[0])},
-    )
+    ours, theirs = (rates(side, local.steps) for side in zip(*pairs, strict=True))
+    measure, details = "batches over loopback / batches", {"steps_per_second": spread(ours)}
+    return compared(measure, subject, ours, theirs, "steps/s", at_least(0.7), details)
 
 
 def _measure(domain: str, task: str, effort: Effort) -> Iterator[Row]:
     """The rows of a task: each turn of a reader is compared with one of `batches` beside it."""
-    rates: dict[str, list[float]] = collections.defaultdict(list)
+    ours: dict[str, list[float]] = collections.defaultdict(list)
     theirs: dict[str, list[float]] = collections.defaultdict(list)
     with tempfile.TemporaryDirectory() as folder:
         how = {"time_limit": effort.seconds, "file_mb": effort.file_mb}
@@ -166,21 +156,13 @@ def _measure(domain: str, task: str, effort: Effort) -> Iterator[Row]:
             read(dataset)
         for _ in range(effort.turns):
             for name, (read, _) in _READERS.items():
-                rates[name].append(_rate(read, dataset))
+                ours[name].append(_rate(read, dataset))
                 theirs[name].append(_rate(_batches, dataset))
         yield _over_loopback(folder, f"{domain}:{task}", effort.turns)
     for name, (_, bar) in _READERS.items():
-        ratios = [a / b for a, b in zip(rates[name], theirs[name], strict=True)]
-        yield Row(
-            f"{name} / batches",
-            f"{domain}:{task}",
-            statistics.median(rates[name]),
-            statistics.median(theirs[name]),
-            "steps/s",
-            statistics.median(ratios),
-            bar=bar,
-            details={"ratio": spread(ratios), "steps_per_second": spread(rates[name])},
-        )
+        measure, details = f"{name} / batches", {"steps_per_second": spread(ours[name])}
+        sides = ours[name], theirs[name]
+        yield compared(measure, f"{domain}:{task}", *sides, "steps/s", bar, details)
 
 
 def main(

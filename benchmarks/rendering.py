@@ -8,7 +8,6 @@ describes the comparisons. The exit status is 1 if a bar is missed.
 
 import dataclasses
 import os
-import statistics
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 import peers
 import typer
-from report import Bar, Json, Quick, Row, at_least, finish, spread
+from report import Bar, Json, Quick, Row, at_least, compared, finish, rates
 
 from limberjack.mujoco import rendering
 from limberjack.mujoco.official import mujoco
@@ -144,18 +143,8 @@ def _row(
     bar: Bar | None,
 ) -> Row:
     """The speedup of the first of two players over the second, from their times."""
-    first, second = taken[names[0]], taken.get(names[1], [])
-    ratios = [b / a for a, b in zip(first, second, strict=False)]
-    return Row(
-        measure=measure,
-        subject=subject,
-        ours=1 / statistics.median(first),
-        theirs=1 / statistics.median(second) if second else None,
-        unit="/s",
-        value=statistics.median(ratios) if ratios else None,
-        bar=bar,
-        details={"ratio": spread(ratios)} if ratios else {},
-    )
+    first, second = (rates(taken.get(name, [])) for name in names)
+    return compared(measure, subject, first, second, "/s", bar)
 
 
 class _Contest:

@@ -22,11 +22,18 @@ from rich.table import Table
 __all__ = [
     "Bar",
     "Json",
+    "Peers",
     "Quick",
     "Row",
+    "Threads",
+    "WithoutPeers",
     "at_least",
     "at_most",
+    "compared",
+    "figure",
     "finish",
+    "mean_of",
+    "rates",
     "spread",
     "versions",
     "write_json",
@@ -37,6 +44,15 @@ Quick = Annotated[
     bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
 ]
 Json = Annotated[Path | None, typer.Option(help="File to write the figures to.")]
+Peers = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Where other packages are installed, kept.")
+]
+WithoutPeers = Annotated[
+    bool, typer.Option("--without-peers", help="Install and compare with nothing.")
+]
+Threads = Annotated[
+    int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
+]
 
 _MEASURED = ("limberjack", "dm_control", "mujoco", "mujoco-core", "dm-env", "numpy")
 _WIDTH = 118  # characters; where the output is no terminal, the table is not folded
@@ -99,6 +115,61 @@ def spread(values: Sequence[float]) -> dict[str, float]:
     lower, _, upper = statistics.quantiles(values, n=4, method="inclusive")
     median = statistics.median(values)
     return {"median": median, "quartile_1": lower, "quartile_3": upper, "count": len(values)}
+
+
+def figure(
+    measure: str,
+    subject: str,
+    value: float | None,
+    unit: str,
+    bar: Bar | None = None,
+    details: Mapping[str, Any] | None = None,
+) -> Row:
+    """The row of a figure that is compared with nothing but its bar."""
+    return Row(measure, subject, value, None, unit, value, unit, bar, details or {})
+
+
+def compared(
+    measure: str,
+    subject: str,
+    ours: Sequence[float],
+    theirs: Sequence[float],
+    unit: str,
+    bar: Bar | None = None,
+    details: Mapping[str, Any] | None = None,
+) -> Row:
+    """The row of two quantities, measured in turns: the median of their ratios, ours / theirs.
+
+    Args:
+      measure: what is compared.
+      subject: of what.
+      ours: Limberjack's, by round.
+      theirs: of the same rounds; empty if there is nothing to compare with.
+      unit: of both.
+      bar: on the ratio.
+      details: more of them than the spread of the ratios.
+    """
+    if not theirs:
+        return Row(measure, subject, statistics.median(ours), None, unit, None, bar=bar)
+    ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
+    medians = statistics.median(ours), statistics.median(theirs), unit, statistics.median(ratios)
+    more = {"ratio": spread(ratios), **(details or {})}
+    return Row(measure, subject, *medians, bar=bar, details=more)
+
+
+def rates(seconds: Sequence[float], work: float = 1.0) -> list[float]:
+    """Work per second of each round, from the seconds that it took."""
+    return [work / each for each in seconds]
+
+
+def mean_of(rows: Sequence[Row], subject: str, bar: Bar | None = None) -> Row:
+    """The row of the geometric means of rows of one measure; without a value if a row has none."""
+    columns = [(row.ours, row.theirs, row.value) for row in rows]
+    ours, theirs, value = (
+        None if None in column else statistics.geometric_mean(column)
+        for column in zip(*columns, strict=True)
+    )
+    return Row(rows[0].measure, subject, ours, theirs, rows[0].unit, value, bar=bar)
 
 
 def _print_table(rows: Iterable[Row], peer: str) -> None:

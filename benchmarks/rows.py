@@ -8,14 +8,13 @@ a bar is missed. Run it on idle cores: processes share a busy machine differentl
 
 import dataclasses
 import functools
-import statistics
 from collections.abc import Callable, Mapping
 from typing import Annotated
 
 import numpy as np
 import typer
 from gymnasium.vector import AsyncVectorEnv
-from report import Bar, Json, Quick, Row, at_most, finish, spread
+from report import Bar, Json, Quick, Row, at_most, compared, finish
 
 from limberjack import bench, gym, suite
 from limberjack.rl.action_specs import bounds_to_try
@@ -95,18 +94,8 @@ def _row(
     measure: str, batch: RowsEnvironment, sides: Mapping[str, _Step], bar: Bar, effort: Effort
 ) -> Row:
     taken = _taken(batch, sides, effort)
-    ratios = [a / b for a, b in zip(taken[_ROWS], taken[_THEIRS], strict=True)]
-    ours, theirs = (statistics.median(taken[name]) for name in (_ROWS, _THEIRS))
-    return Row(
-        measure,
-        f"{batch.name}, N={batch.num_envs}",
-        1e6 * ours,
-        1e6 * theirs,
-        "us",
-        statistics.median(ratios),
-        bar=bar,
-        details={"ratio": spread(ratios)},
-    )
+    ours, theirs = ([1e6 * seconds for seconds in taken[name]] for name in (_ROWS, _THEIRS))
+    return compared(measure, f"{batch.name}, N={batch.num_envs}", ours, theirs, "us", bar)
 
 
 def _begun(domain: str, task: str, num_envs: int, threads: int) -> RowsEnvironment:

@@ -9,13 +9,12 @@ missed. Run it on idle cores: a busy one counts against the side that is playing
 import dataclasses
 import enum
 import importlib.util
-import statistics
 import time
 from collections.abc import Callable
 from typing import Annotated
 
 import typer
-from report import Json, Quick, Row, at_most, finish, spread
+from report import Json, Quick, Row, at_most, compared, finish
 
 from limberjack.episodes.player import play_unit
 from limberjack.episodes.running import Run
@@ -90,7 +89,6 @@ def _compared(
     theirs: Callable[[], _Scores],
 ) -> Row:
     """The time of ours over that of theirs; raises RuntimeError if the scores differ."""
-    ratios: list[float] = []
     times: tuple[list[float], list[float]] = ([], [])
     scores: dict[int, _Scores] = {}
     for repetition in range(effort.repetitions):
@@ -101,17 +99,8 @@ def _compared(
             times[side].append(time.perf_counter() - begun)
         if scores[0] != scores[1]:
             raise RuntimeError(f"{measure}: the two sides have different scores")
-        ratios.append(times[0][-1] / times[1][-1])
-    return Row(
-        measure,
-        ":".join(_TASK),
-        statistics.median(times[0]),
-        statistics.median(times[1]),
-        "s",
-        statistics.median(ratios),
-        bar=at_most(limit),
-        details={"ratio": spread(ratios), "cores": usable_cores(), "episodes": len(scores[0])},
-    )
+    details = {"cores": usable_cores(), "episodes": len(scores[0])}
+    return compared(measure, ":".join(_TASK), *times, "s", at_most(limit), details)
 
 
 def _measure(section: Section, effort: Effort) -> list[Row]:

@@ -13,7 +13,7 @@ import fresh
 import mujoco
 import numpy as np
 import peers
-from report import Bar, Row, at_most, spread
+from report import Bar, Row, at_most, compared, figure, spread
 
 __all__ = ["measure_imports", "measure_loads", "measure_resets", "seconds_of_first"]
 
@@ -98,16 +98,8 @@ def _opengl_row() -> Row:
         for backend in _BACKENDS
     }
     most = max(len(modules) for modules in found.values())
-    return Row(
-        measure="OpenGL modules",
-        subject="import, load, reset, step",
-        ours=most,
-        theirs=None,
-        unit="",
-        value=most,
-        bar=_NO_OPENGL,
-        details={"by_MUJOCO_GL": found},
-    )
+    subject = "import, load, reset, step"
+    return figure("OpenGL modules", subject, most, "", _NO_OPENGL, {"by_MUJOCO_GL": found})
 
 
 def measure_loads(
@@ -147,17 +139,8 @@ def _load_rows(domain: str, task: str, num_loads: int) -> list[Row]:
             "first_reset_ms": spread(times["reset"]),
         },
     )
-    again = Row(
-        measure="second load",
-        subject=f"{domain}:{task}",
-        ours=statistics.median(times["again"]),
-        theirs=None,
-        unit="ms",
-        value=statistics.median(times["again"]),
-        value_unit="ms",
-        bar=_SECOND_LOAD,
-        details={"again_ms": spread(times["again"])},
-    )
+    median, details = statistics.median(times["again"]), {"again_ms": spread(times["again"])}
+    again = figure("second load", f"{domain}:{task}", median, "ms", _SECOND_LOAD, details)
     return [first, again]
 
 
@@ -241,18 +224,8 @@ def _reset_row(domain: str, task: str, num_resets: int) -> Row:
             times[package].append(1e6 * _timed(environments[package].reset)[0])
         packages.reverse()
         _check_same_start(f"{domain}:{task}", list(environments.values()))
-    theirs = times.get(peers.THEIRS)
-    ratios = [a / b for a, b in zip(times[peers.OURS], theirs or [], strict=False)]
-    return Row(
-        measure="reset",
-        subject=f"{domain}:{task}",
-        ours=statistics.median(times[peers.OURS]),
-        theirs=statistics.median(theirs) if theirs else None,
-        unit="us",
-        value=statistics.median(ratios) if ratios else None,
-        bar=_RESET,
-        details={"ratio": spread(ratios)} if ratios else {},
-    )
+    ours, theirs = times[peers.OURS], times.get(peers.THEIRS, [])
+    return compared("reset", f"{domain}:{task}", ours, theirs, "us", _RESET)
 
 
 def _check_same_start(subject: str, environments: list[Any]) -> None:

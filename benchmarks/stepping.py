@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import peers
-from report import Row, at_least, at_most, spread
+from report import Row, at_least, at_most, compared, mean_of, rates
 
 from limberjack.rl.action_specs import bounds_to_try
 
@@ -42,24 +42,9 @@ def measure(tasks: Sequence[tuple[str, str]], num_episodes: int, num_steps: int)
     for _ in range(num_episodes):
         for contest in contests:
             contest.play(num_steps)
-    ratios = [contest.ratio() for contest in contests]
-    measured = [ratio for ratio in ratios if ratio is not None]
-    average = Row(
-        measure="steps per second",
-        subject="geometric mean",
-        ours=statistics.geometric_mean([1 / contest.median(peers.OURS) for contest in contests]),
-        theirs=statistics.geometric_mean([1 / contest.median(peers.THEIRS) for contest in contests])
-        if measured
-        else None,
-        unit="/s",
-        value=statistics.geometric_mean(measured) if measured else None,
-        bar=_FASTER_ON_AVERAGE,
-    )
-    return [
-        *(contest.speed_row() for contest in contests),
-        average,
-        *(contest.overhead_row() for contest in contests),
-    ]
+    speeds = [contest.speed_row() for contest in contests]
+    average = mean_of(speeds, "geometric mean", _FASTER_ON_AVERAGE)
+    return [*speeds, average, *(contest.overhead_row() for contest in contests)]
 
 
 class _Contest:
@@ -124,33 +109,10 @@ class _Contest:
             seconds += time.perf_counter() - start
         return seconds
 
-    def median(self, name: str) -> float:
-        """Seconds per step of an environment, or of MuJoCo alone."""
-        return statistics.median(self._seconds[name])
-
-    def ratio(self) -> float | None:
-        """Speedup over dm_control."""
-        ratios = self._ratios()
-        return statistics.median(ratios) if ratios else None
-
-    def _ratios(self) -> list[float]:
-        """Speedup over dm_control in each block."""
-        theirs = self._seconds.get(peers.THEIRS, [])
-        return [b / a for a, b in zip(self._seconds[peers.OURS], theirs, strict=False)]
-
     def speed_row(self) -> Row:
         """Steps per second."""
-        ratios = self._ratios()
-        return Row(
-            measure="steps per second",
-            subject=self._subject,
-            ours=1 / self.median(peers.OURS),
-            theirs=1 / self.median(peers.THEIRS) if ratios else None,
-            unit="/s",
-            value=self.ratio(),
-            bar=_FASTER,
-            details={"ratio_of_each_block": spread(ratios)} if ratios else {},
-        )
+        ours, theirs = (rates(self._seconds.get(n, [])) for n in (peers.OURS, peers.THEIRS))
+        return compared("steps per second", self._subject, ours, theirs, "/s", _FASTER)
 
     def overhead_row(self) -> Row:
         """Overhead of a step over MuJoCo's calls."""
@@ -168,7 +130,7 @@ class _Contest:
             unit="us",
             value=None if theirs is None else ours / theirs,
             bar=_SHARE_OF_OVERHEAD,
-            details={"bare_us": self.median(_BARE) * 1e6},
+            details={"bare_us": 1e6 * statistics.median(self._seconds[_BARE])},
         )
 
 

@@ -17,7 +17,7 @@ from unittest import mock
 
 import pyarrow.parquet as pq
 import typer
-from report import Json, Quick, Row, at_most, finish, spread
+from report import Json, Quick, Row, at_most, figure, finish, spread
 
 from limberjack import data
 from limberjack.episodes.collecting import _recipe
@@ -88,9 +88,8 @@ def _planning(effort: Effort) -> Iterator[Row]:
             counting.append(_counted(Path(out), recipe, effort.parts))
             resuming.append(_resumed(Path(out), recipe, effort.parts))
     for name, seconds in (("as they come", counting), ("on a resume", resuming)):
-        median = statistics.median(seconds)
         details = {"seconds": spread(seconds), "parts": effort.parts}
-        yield Row("planning", name, median, None, "s", median, "s", _SECONDS, details)
+        yield figure("planning", name, statistics.median(seconds), "s", _SECONDS, details)
 
 
 def _recipe_of() -> Recipe:

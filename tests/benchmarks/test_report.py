@@ -41,3 +41,21 @@ def test_a_missed_bar_is_named_and_is_the_exit_status(
     document = json.loads((tmp_path / "new" / "file.json").read_text(encoding="utf-8"))
     assert document["settings"] == {"quick": quick, "rounds": 3}
     assert [row["value"] for row in document["rows"]] == [value]
+
+
+def test_two_quantities_are_compared_round_by_round(report: Any) -> None:
+    ours, theirs = report.rates([0.5, 1.0, 0.25], work=2), [2.0, 1.0, 2.0]
+    row = report.compared("speed", "walk", ours, theirs, "/s", report.at_least(2.0), {"rows": 3})
+    assert (row.ours, row.theirs, row.value, row.is_met) == (4.0, 2.0, 2.0, True)
+    assert row.details["rows"] == row.details["ratio"]["count"] == 3
+    alone = report.compared("speed", "walk", ours, [], "/s", report.at_least(2.0))
+    assert (alone.ours, alone.theirs, alone.value, alone.is_met) == (4.0, None, None, None)
+
+
+def test_a_mean_is_geometric_and_needs_a_value_of_each_row(report: Any) -> None:
+    rows = [report.compared("speed", name, [x], [1.0], "/s") for name, x in (("a", 2), ("b", 8))]
+    mean = report.mean_of(rows, "geometric mean", report.at_most(3))
+    assert (mean.measure, mean.unit, mean.is_met) == ("speed", "/s", False)
+    assert (mean.ours, mean.theirs, mean.value) == pytest.approx((4.0, 1.0, 4.0))
+    unmeasured = report.compared("speed", "c", [2.0], [], "/s")
+    assert report.mean_of([*rows, unmeasured], "geometric mean").value is None
