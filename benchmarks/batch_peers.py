@@ -27,24 +27,24 @@ _REQUIREMENTS = {ENVPOOL: ["envpool"], ASYNC: ["gymnasium", "shimmy[dm-control]"
 _HERE = Path(__file__).resolve().parent
 
 
-def install(peer: str, root: Path) -> Path | None:
-    """The folder of a peer's virtual environment, created if missing; None if pip fails."""
+def install(peer: str, root: Path | None) -> Path | None:
+    """The folder of a peer's virtual environment, created if missing.
+
+    None, and a message, if pip fails; None if there is no folder for peers.
+    """
+    if root is None:
+        return None
     folder = root / f"{peer}-python-{sys.version_info[0]}.{sys.version_info[1]}"
     complete = folder / "complete"
     if complete.exists():
         return folder
     print(f"installing: {' '.join(_REQUIREMENTS[peer])}", file=sys.stderr)
     venv.create(folder, clear=True, with_pip=True)
-    pip = [
-        str(fresh.python_of(folder)),
-        "-m",
-        "pip",
-        "install",
-        "-qq",
-        "--disable-pip-version-check",
-    ]
-    done = subprocess.run([*pip, "--upgrade", *_REQUIREMENTS[peer]], check=False)
+    pip = [str(fresh.python_of(folder)), "-m", "pip", "install", "-qq", "--upgrade"]
+    done = subprocess.run([*pip, "--disable-pip-version-check", *_REQUIREMENTS[peer]], check=False)
     if done.returncode:
+        message = f"{peer} could not be installed: comparisons with it are not measured"
+        print(message, file=sys.stderr)
         return None
     complete.touch()
     return folder
@@ -73,16 +73,8 @@ class Peer:
             # Without this process's module search path, so that the peer does not use our packages.
             env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
         )
-        described = self._ask(
-            {
-                "do": "make",
-                "peer": peer,
-                "domain": domain,
-                "task": task,
-                "num_envs": num_envs,
-                "num_threads": num_threads,
-            }
-        )
+        named = {"domain": domain, "task": task, "num_envs": num_envs, "num_threads": num_threads}
+        described = self._ask({"do": "make", "peer": peer, **named})
         self.name: str = described["peer"]
         self.mujoco: str = described["mujoco"]
 

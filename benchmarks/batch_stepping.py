@@ -23,11 +23,22 @@ from typing import Any
 
 import batch_peers
 import numpy as np
-from report import Bar, Row, at_least, spread
+from report import Bar, Row, at_least, compared, mean_of, rates, spread
 
 from limberjack import bench
 
-__all__ = ["SIZES", "Cells", "kept_to", "measure_processes"]
+__all__ = [
+    "BARE",
+    "BATCHED",
+    "OURS",
+    "SIZES",
+    "THEIRS",
+    "Cell",
+    "Cells",
+    "Times",
+    "beside_envpool",
+    "measure_processes",
+]
 
 SIZES: tuple[int, ...] = (64, 256, 1024)
 
@@ -43,11 +54,12 @@ _NUM_ENVS_BESIDE_PROCESSES = 256
 _BLOCKS_OF_PROCESSES = 16
 
 _Task = tuple[str, str]
-_Cell = tuple[str, str, int]
-_Times = dict[str, list[float]]
+Cell = tuple[str, str, int]  # domain, task and number of rows
+Times = dict[str, list[float]]  # seconds per step of each round, by name
 
-_PHYSICS, _PERSISTENT, _BATCHED, _OURS = "physics", "persistent_physics", "batch", "vector"
-_THEIRS = "peer"
+# The players of `bench.Contest`, and the other package.
+_PHYSICS, BARE, BATCHED, OURS = "physics", "persistent_physics", "batch", "vector"
+THEIRS = "peer"
 # Comparisons with EnvPool, on as many cores as threads and on all cores.
 _OURS_BOUND, _THEIRS_BOUND = "vector_bound", "peer_bound"
 _OURS_FREE, _THEIRS_FREE = "vector_free", "peer_free"
@@ -67,43 +79,31 @@ class Cells:
           num_threads: number of threads of each package.
           peer: EnvPool's folder; None to omit it.
         """
-        self.all: list[_Cell] = [(*task, size) for size in sizes for task in tasks]
+        self.all: list[Cell] = [(*task, size) for size in sizes for task in tasks]
         self._num_threads = num_threads
         self._peer = peer
-        self._taken: dict[_Cell, _Times] = {}
-        self._loads: dict[_Cell, list[float]] = {}
+        self._taken: dict[Cell, Times] = {}
+        self._loads: dict[Cell, list[float]] = {}
         self.versions: dict[str, str] = {}
 
-    def measure(self, cell: _Cell, seconds: float, min_rounds: int, warm_up_steps: int) -> None:
+    def measure(self, cell: Cell, seconds: float, min_rounds: int, warm_up_steps: int) -> None:
         """Measures a cell, and adds to earlier measurements."""
         effort = seconds, min_rounds, warm_up_steps
         with bench.Contest(*cell, self._num_threads) as contest:
-            names = (_PHYSICS, _PERSISTENT, _BATCHED, _OURS)
+            names = (_PHYSICS, BARE, BATCHED, OURS)
             players: dict[str, bench.Player] = {name: getattr(contest, name) for name in names}
             taken = bench.take_turns(players, contest.actions, *effort)
         if self._peer is not None:
-            with kept_to(self._num_threads):
-                bound = self._beside_peer(cell, self._peer, effort)
-            free = self._beside_peer(cell, self._peer, effort)
-            taken |= {_OURS_BOUND: bound[_OURS], _THEIRS_BOUND: bound[_THEIRS]}
-            taken |= {_OURS_FREE: free[_OURS], _THEIRS_FREE: free[_THEIRS]}
+            given = cell, self._num_threads, self._peer, effort, self.versions
+            bound, free = beside_envpool(*given)
+            taken |= {_OURS_BOUND: bound[OURS], _THEIRS_BOUND: bound[THEIRS]}
+            taken |= {_OURS_FREE: free[OURS], _THEIRS_FREE: free[THEIRS]}
         pooled = self._taken.setdefault(cell, {})
         for name, times in taken.items():
             pooled.setdefault(name, []).extend(times)
         self._loads.setdefault(cell, []).append(os.getloadavg()[0])
 
-    def _beside_peer(self, cell: _Cell, folder: Path, effort: tuple[float, int, int]) -> _Times:
-        threads = self._num_threads
-        with (
-            bench.Contest(*cell, threads) as contest,
-            batch_peers.Peer(batch_peers.ENVPOOL, folder, *cell, num_threads=threads) as peer,
-        ):
-            self.versions |= {peer.name: f"MuJoCo {peer.mujoco}"}
-            # The batch only for the check that what is timed does the same steps.
-            players = {_BATCHED: contest.batch, _OURS: contest.vector, _THEIRS: peer.play}
-            return bench.take_turns(players, contest.actions, *effort)
-
-    def doubtful(self) -> list[_Cell]:
+    def doubtful(self) -> list[Cell]:
         """The cells in which a bar was missed, to be measured again under a different load."""
         rows = {(row.measure, row.subject): row for row in self.rows()}
         missed = {key[1] for key, row in rows.items() if row.is_met is False}
@@ -112,8 +112,8 @@ class Cells:
     def rows(self) -> list[Row]:
         """Rows for all measurements so far."""
         rows = []
-        for what, ours, bars in (("batch", _BATCHED, _BATCH), ("vector", _OURS, _VECTOR)):
-            rows += self._rows(f"{what} / MuJoCo alone", ours, _PERSISTENT, bars, with_means=False)
+        for what, ours, bars in (("batch", BATCHED, _BATCH), ("vector", OURS, _VECTOR)):
+            rows += self._rows(f"{what} / MuJoCo alone", ours, BARE, bars, with_means=False)
             rows += self._means(f"{what} / not persistent", ours, _PHYSICS, None)
         if self._peer is not None:
             bars = dict.fromkeys(SIZES, _ENVPOOL)
@@ -134,38 +134,58 @@ class Cells:
         """The geometric mean over the tasks for each number of rows."""
         means = []
         for size in dict.fromkeys(cell[2] for cell in self._taken):
-            of_size = [
-                self._row(measure, cell, ours, theirs, {})
-                for cell in self._taken
-                if cell[2] == size
-            ]
-            means.append(_mean_row(measure, f"geometric mean, N={size}", of_size, bar))
+            cells = [cell for cell in self._taken if cell[2] == size]
+            of_size = [self._row(measure, cell, ours, theirs, {}) for cell in cells]
+            means.append(mean_of(of_size, f"geometric mean, N={size}", bar))
         return means
 
-    def _row(self, measure: str, cell: _Cell, ours: str, theirs: str, bars: dict[int, Bar]) -> Row:
+    def _row(self, measure: str, cell: Cell, ours: str, theirs: str, bars: dict[int, Bar]) -> Row:
         taken, num_envs = self._taken[cell], cell[2]
-        ratios = _ratios(taken[theirs], taken[ours])
-        details: dict[str, Any] = {"ratio": spread(ratios), "load_average": self._loads[cell]}
-        if theirs == _PERSISTENT:
+        details: dict[str, Any] = {"load_average": self._loads[cell]}
+        if theirs == BARE:
             details["ratio_to_not_persistent"] = spread(_ratios(taken[_PHYSICS], taken[ours]))
             added = [a - b for a, b in zip(taken[ours], taken[theirs], strict=True)]
             details["added_us"] = 1e6 * statistics.median(added)
         if theirs == _THEIRS_BOUND:
             details["ratio_on_all_cores"] = spread(_ratios(taken[_THEIRS_FREE], taken[_OURS_FREE]))
-        return Row(
-            measure=measure,
-            subject=_subject(cell),
-            ours=num_envs / statistics.median(taken[ours]),
-            theirs=num_envs / statistics.median(taken[theirs]),
-            unit="/s",
-            value=statistics.median(ratios),
-            bar=bars.get(num_envs),
-            details=details,
-        )
+        sides = rates(taken[ours], num_envs), rates(taken[theirs], num_envs)
+        return compared(measure, _subject(cell), *sides, "/s", bars.get(num_envs), details)
+
+
+def beside_envpool(
+    cell: Cell,
+    num_threads: int,
+    folder: Path,
+    effort: tuple[float, int, int],
+    versions: dict[str, str],
+) -> tuple[Times, Times]:
+    """Seconds per step beside EnvPool, on as many cores as threads and on all cores.
+
+    Args:
+      cell: domain, task and number of rows.
+      num_threads: of each package.
+      folder: in which EnvPool is installed.
+      effort: seconds, the fewest rounds, and the number of steps before them.
+      versions: receives those of EnvPool and of its MuJoCo.
+    """
+
+    def measured() -> Times:
+        with (
+            bench.Contest(*cell, num_threads) as contest,
+            batch_peers.Peer(batch_peers.ENVPOOL, folder, *cell, num_threads=num_threads) as peer,
+        ):
+            versions[peer.name] = f"MuJoCo {peer.mujoco}"
+            # The batch only for the check that what is timed does the same steps.
+            players = {name: getattr(contest, name) for name in (BARE, BATCHED, OURS)}
+            return bench.take_turns({**players, THEIRS: peer.play}, contest.actions, *effort)
+
+    with _kept_to(num_threads):
+        bound = measured()
+    return bound, measured()
 
 
 @contextlib.contextmanager
-def kept_to(num_cores: int) -> Iterator[None]:
+def _kept_to(num_cores: int) -> Iterator[None]:
     """Restricts processes and threads started in the context to some cores, if supported."""
     if not hasattr(os, "sched_setaffinity"):
         yield
@@ -212,42 +232,13 @@ def measure_processes(
                 return peer.play(longer) / _BLOCKS_OF_PROCESSES
 
             # The batch only for the check that what is timed does the same steps.
-            players = {_BATCHED: contest.batch, _OURS: contest.vector, _THEIRS: play}
+            players = {BATCHED: contest.batch, OURS: contest.vector, THEIRS: play}
             taken = bench.take_turns(players, contest.actions, seconds, min_rounds)
-        times = {
-            _OURS: [t / num_envs for t in taken[_OURS]],
-            _THEIRS: [t / num_threads for t in taken[_THEIRS]],
-        }
-        rows.append(_processes_row(f"{domain}:{task}", times, num_threads))
-    return [*rows, _mean_row(rows[0].measure, "geometric mean", rows, None)]
-
-
-def _processes_row(subject: str, seconds: _Times, num_processes: int) -> Row:
-    """Args: seconds: per step of one simulation."""
-    ratios = _ratios(seconds[_THEIRS], seconds[_OURS])
-    return Row(
-        measure="vector / AsyncVectorEnv",
-        subject=f"{subject}, {num_processes} processes",
-        ours=1 / statistics.median(seconds[_OURS]),
-        theirs=1 / statistics.median(seconds[_THEIRS]),
-        unit="/s",
-        value=statistics.median(ratios),
-        bar=_PROCESSES,
-        details={"ratio": spread(ratios), "our_num_envs": _NUM_ENVS_BESIDE_PROCESSES},
-    )
-
-
-def _mean_row(measure: str, subject: str, rows: Sequence[Row], bar: Bar | None) -> Row:
-    values = [row.value for row in rows if row.value is not None]
-    return Row(
-        measure=measure,
-        subject=subject,
-        ours=None,
-        theirs=None,
-        unit="/s",
-        value=statistics.geometric_mean(values),
-        bar=bar,
-    )
+        ours, theirs = rates(taken[OURS], num_envs), rates(taken[THEIRS], num_threads)
+        subject, details = f"{domain}:{task}, {num_threads} processes", {"our_num_envs": num_envs}
+        measure = "vector / AsyncVectorEnv"
+        rows.append(compared(measure, subject, ours, theirs, "/s", _PROCESSES, details))
+    return [*rows, mean_of(rows, "geometric mean")]
 
 
 def _ratios(theirs: Sequence[float], ours: Sequence[float]) -> list[float]:
@@ -255,5 +246,5 @@ def _ratios(theirs: Sequence[float], ours: Sequence[float]) -> list[float]:
     return [b / a for a, b in zip(ours, theirs, strict=True)]
 
 
-def _subject(cell: _Cell) -> str:
+def _subject(cell: Cell) -> str:
     return f"{cell[0]}:{cell[1]}, N={cell[2]}"

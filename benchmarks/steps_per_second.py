@@ -13,6 +13,7 @@ import dataclasses
 import enum
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +22,7 @@ import batch_peers
 import batch_stepping
 import typer
 from peers import first_tasks
-from report import Json, Quick, Row, finish, write_json
+from report import Json, Peers, Quick, Row, Threads, WithoutPeers, finish, write_json
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -81,72 +82,60 @@ _QUICK = Effort(
 _TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacker", "stack_4"))
 
 
-class _Run:
-    """One run of the benchmark."""
+def _measure(
+    section: Section, effort: Effort, num_threads: int, peers: Path | None, versions: dict[str, str]
+) -> list[Row]:
+    """The rows of a section.
 
-    def __init__(self, effort: Effort, num_threads: int, peers: Path | None) -> None:
-        """Args: peers: folder in which the peers are installed; None omits them."""
-        self._effort = effort
-        self._num_threads = num_threads
-        self._tasks = first_tasks()[: effort.tasks]
-        self._few_tasks = _TASK_OF_DOMAIN[: effort.tasks_of_domains]
-        self._peers = peers
-        self.versions: dict[str, str] = {}  # of the peers and of the MuJoCo that they run
+    Args:
+      section: to measure.
+      effort: see there.
+      num_threads: of everything.
+      peers: folder in which the peers are installed; None omits them.
+      versions: receives those of the peers and of the MuJoCo that they run.
+    """
+    tasks, few_tasks = first_tasks()[: effort.tasks], _TASK_OF_DOMAIN[: effort.tasks_of_domains]
+    match section:
+        case Section.STEP:
+            return _measure_steps(tasks, effort, num_threads, peers, versions)
+        case Section.PROCESSES:
+            folder = batch_peers.install(batch_peers.ASYNC, peers)
+            if folder is None:
+                return []
+            given = effort.seconds, effort.rounds, versions
+            return batch_stepping.measure_processes(tasks, num_threads, folder, *given)
+        case Section.RESET:
+            given = effort.resets, min(1.0, effort.seconds)
+            return batch_costs.measure_resets(tasks, num_threads, *given)
+        case Section.THREADS:
+            return batch_costs.measure_threads(few_tasks, num_threads, 8 * effort.seconds)
+        case Section.MEMORY:
+            return batch_costs.measure_memory(effort.memory_rows)
+        case Section.PIPELINING:
+            given = effort.pipelined_steps, effort.pipelined_rounds
+            return batch_costs.measure_pipelining(few_tasks, num_threads, *given)
 
-    def measure(self, section: Section) -> list[Row]:
-        """The rows of a section."""
-        effort, threads = self._effort, self._num_threads
-        match section:
-            case Section.STEP:
-                return self._measure_steps()
-            case Section.PROCESSES:
-                return self._measure_processes()
-            case Section.RESET:
-                return batch_costs.measure_resets(
-                    self._tasks, threads, effort.resets, min(1.0, effort.seconds)
-                )
-            case Section.THREADS:
-                return batch_costs.measure_threads(self._few_tasks, threads, 8 * effort.seconds)
-            case Section.MEMORY:
-                return batch_costs.measure_memory(effort.memory_rows)
-            case Section.PIPELINING:
-                return batch_costs.measure_pipelining(
-                    self._few_tasks, threads, effort.pipelined_steps, effort.pipelined_rounds
-                )
 
-    def _measure_steps(self) -> list[Row]:
-        effort = self._effort
-        folder = self._installed(batch_peers.ENVPOOL)
-        cells = batch_stepping.Cells(self._tasks, effort.sizes, self._num_threads, folder)
-        for cell in cells.all:
-            _say(f"  {cell[0]}:{cell[1]}, N={cell[2]}")
-            cells.measure(cell, effort.seconds, effort.rounds, effort.warm_up_steps)
-        for cell in cells.doubtful():  # under a different load
-            _say(f"  again: {cell[0]}:{cell[1]}, N={cell[2]}")
-            cells.measure(cell, effort.seconds, effort.rounds, effort.warm_up_steps)
-        self.versions |= cells.versions
-        return cells.rows()
+def _measure_steps(
+    tasks: Sequence[tuple[str, str]],
+    effort: Effort,
+    num_threads: int,
+    peers: Path | None,
+    versions: dict[str, str],
+) -> list[Row]:
+    folder = batch_peers.install(batch_peers.ENVPOOL, peers)
+    cells = batch_stepping.Cells(tasks, effort.sizes, num_threads, folder)
 
-    def _measure_processes(self) -> list[Row]:
-        folder = self._installed(batch_peers.ASYNC)
-        if folder is None:
-            return []
-        return batch_stepping.measure_processes(
-            self._tasks,
-            self._num_threads,
-            folder,
-            self._effort.seconds,
-            self._effort.rounds,
-            self.versions,
-        )
+    def measure(cell: batch_stepping.Cell, words: str = "") -> None:
+        _say(f"  {words}{cell[0]}:{cell[1]}, N={cell[2]}")
+        cells.measure(cell, effort.seconds, effort.rounds, effort.warm_up_steps)
 
-    def _installed(self, peer: str) -> Path | None:
-        if self._peers is None:
-            return None
-        folder = batch_peers.install(peer, self._peers)
-        if folder is None:
-            _say(f"{peer} could not be installed: comparisons with it are not measured")
-        return folder
+    for cell in cells.all:
+        measure(cell)
+    for cell in cells.doubtful():  # under a different load
+        measure(cell, "again: ")
+    versions |= cells.versions
+    return cells.rows()
 
 
 def _say(line: str) -> None:
@@ -158,34 +147,28 @@ def main(
         list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
     ] = None,
     quick: Quick = False,
-    peers: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where other packages are installed, kept.")
-    ] = None,
-    without_peers: Annotated[
-        bool, typer.Option("--without-peers", help="Install and compare with nothing.")
-    ] = False,
-    threads: Annotated[
-        int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
-    ] = None,
+    peers: Peers = None,
+    without_peers: WithoutPeers = False,
+    threads: Threads = None,
     json: Json = None,
 ) -> None:
     """Measure batches beside their peers and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL
     num_threads = threads or batch_costs.free_cores()
     rows: list[Row] = []
+    versions: dict[str, str] = {}
+    loads = {}
     with tempfile.TemporaryDirectory() as temporary:
         folder = None if without_peers else peers or Path(temporary)
-        run = _Run(effort, num_threads, folder)
-        loads = {}
         for section in only or list(Section):
             _say(f"measuring: {section}, {num_threads} threads")
-            rows += run.measure(section)
+            rows += _measure(section, effort, num_threads, folder, versions)
             if hasattr(os, "getloadavg"):
                 loads[section.value] = os.getloadavg()
             if json is not None:  # after each section, as it takes long
                 settings = {"quick": quick, "threads": num_threads, **dataclasses.asdict(effort)}
-                write_json(json, rows, {**settings, "peers": run.versions, "load_averages": loads})
-    for peer, engine in run.versions.items():
+                write_json(json, rows, {**settings, "peers": versions, "load_averages": loads})
+    for peer, engine in versions.items():
         typer.echo(f"{peer} runs {engine}")
     finish(rows, "compared", quick)  # the file is written
 

@@ -23,9 +23,25 @@ import fresh
 import starting
 import stepping
 import typer
-from batch_stepping import kept_to
+from batch_stepping import BARE, BATCHED, OURS, THEIRS, Cell, Times, beside_envpool
 from classes import is_heavy
-from report import Bar, Json, Quick, Row, at_least, at_most, finish, spread, write_json
+from report import (
+    Bar,
+    Json,
+    Peers,
+    Quick,
+    Row,
+    Threads,
+    WithoutPeers,
+    at_least,
+    at_most,
+    compared,
+    figure,
+    finish,
+    mean_of,
+    rates,
+    write_json,
+)
 
 from limberjack import bench, suite
 
@@ -35,6 +51,7 @@ __all__ = ["Section", "main"]
 _HEAVY = {64: at_least(0.90), 256: at_least(0.94), 1024: at_least(0.95)}
 _TOY = {64: at_least(0.65), 256: at_least(0.80), 1024: at_least(0.90)}
 _FREE = "vector / EnvPool"
+_WARM_UP_STEPS = 20  # beside EnvPool, not measured: the humanoid falls
 _PEER_SIZES = (256, 1024)
 _PEER = at_least(1.0)  # on each heavy task, with threads of both free to use all cores
 _PEER_MEAN = at_least(1.25)  # the geometric mean of the heavy tasks
@@ -79,25 +96,25 @@ _FULL = Effort(51, 4, 1_000, (64, 256, 1024), 1.5, 8, 7, 1024)
 _QUICK = Effort(1, 1, 10, (64,), 0.01, 2, 1, 2)
 
 
-def _measure_batch(tasks: Sequence[_Task], effort: Effort, num_threads: int) -> list[Row]:
+def _measure_batch(tasks: Sequence[_Task], effort: Effort, num_threads: int) -> Iterator[Row]:
     """A batch of each task beside a bare `mujoco.batch.Batch` that keeps its simulations."""
-    rows = []
     for size in effort.sizes:
         for task in tasks:
-            _say(f"  {':'.join(task)}, N={size}")
+            cell = *task, size
+            _say(f"  {_subject(cell)}")
             bar = (_HEAVY if is_heavy(*task) else _TOY).get(size)
-            taken = _taken(task, size, num_threads, effort)
-            if bar and not bar.is_met_by(_ratio(taken, "bare", "ours")):
-                again = _taken(task, size, num_threads, effort)
+            taken = _taken(cell, num_threads, effort)
+            row = _row("batch / bare Batch", cell, taken, BATCHED, BARE, bar)
+            if row.is_met is False:
+                again = _taken(cell, num_threads, effort)
                 taken = {name: taken[name] + again[name] for name in taken}
-            rows.append(_row("batch / bare Batch", task, size, taken, "bare", bar))
-    return rows
+                row = _row("batch / bare Batch", cell, taken, BATCHED, BARE, bar)
+            yield row
 
 
-def _taken(task: _Task, size: int, num_threads: int, effort: Effort) -> dict[str, list[float]]:
-    with bench.Contest(*task, size, num_threads) as contest:
-        players: dict[str, bench.Player] = {"bare": contest.persistent_physics}
-        players |= {"ours": contest.batch, "vector": contest.vector}
+def _taken(cell: Cell, num_threads: int, effort: Effort) -> Times:
+    with bench.Contest(*cell, num_threads) as contest:
+        players = {name: getattr(contest, name) for name in (BARE, BATCHED, OURS)}
         return bench.take_turns(players, contest.actions, effort.seconds, effort.rounds)
 
 
@@ -105,98 +122,49 @@ def _measure_peer(
     tasks: Sequence[_Task], effort: Effort, num_threads: int, folder: Path, versions: dict[str, str]
 ) -> Iterator[Row]:
     """A vector environment of each task beside EnvPool, and a bare batch beside both."""
+    given = folder, (effort.seconds, effort.rounds, _WARM_UP_STEPS), versions
     for size in [size for size in _PEER_SIZES if size in effort.sizes] or effort.sizes:
         heavy = []
         for task in tasks:
-            _say(f"  EnvPool, {':'.join(task)}, N={size}")
+            cell = *task, size
+            _say(f"  EnvPool, {_subject(cell)}")
             bar = _PEER if is_heavy(*task) else None
             try:
-                taken = _beside_peer(task, size, num_threads, effort, folder, versions)
-                with kept_to(num_threads):
-                    bound = _beside_peer(task, size, num_threads, effort, folder, versions)
+                bound, free = beside_envpool(cell, num_threads, *given)
             except batch_peers.PeerEndedError as error:  # 1,024 dogs of EnvPool take over 20 GB
                 _say(f"    {error}")
                 details = {"EnvPool": str(error)}
-                subject = _subject(task, size)
-                yield Row(_FREE, subject, None, None, "/s", None, bar=bar, details=details)
+                yield Row(_FREE, _subject(cell), None, None, "/s", None, bar=bar, details=details)
                 continue
-            row = _row(_FREE, task, size, taken, "peer", bar, "vector")
+            row = _row(_FREE, cell, free, OURS, THEIRS, bar)
             yield row
-            yield _row(f"{_FREE}, bound", task, size, bound, "peer", None, "vector")
+            yield _row(f"{_FREE}, bound", cell, bound, OURS, THEIRS, None)
             if bar is None:
-                yield _toy_row(task, size, taken)
+                yield _toy_row(row, _row("", cell, free, BARE, THEIRS, None))
             else:
-                heavy.append(row.value)
+                heavy.append(row)
         if heavy:
             subject = f"geometric mean of {len(heavy)} heavy tasks, N={size}"
-            mean = statistics.geometric_mean(heavy)
-            yield Row(_FREE, subject, None, None, "/s", mean, bar=_PEER_MEAN)
+            yield mean_of(heavy, subject, _PEER_MEAN)
 
 
-def _beside_peer(
-    task: _Task,
-    size: int,
-    num_threads: int,
-    effort: Effort,
-    folder: Path,
-    versions: dict[str, str],
-) -> dict[str, list[float]]:
-    with (
-        bench.Contest(*task, size, num_threads) as contest,
-        batch_peers.Peer(batch_peers.ENVPOOL, folder, *task, size, num_threads) as peer,
-    ):
-        versions[peer.name] = f"MuJoCo {peer.mujoco}"
-        players: dict[str, bench.Player] = {"bare": contest.persistent_physics}
-        # The batch only for the check that what is timed does the same steps.
-        players |= {"ours": contest.batch, "vector": contest.vector, "peer": peer.play}
-        return bench.take_turns(players, contest.actions, effort.seconds, effort.rounds)
+def _row(measure: str, cell: Cell, taken: Times, ours: str, theirs: str, bar: Bar | None) -> Row:
+    added = [a - b for a, b in zip(taken[ours], taken[BARE], strict=True)]
+    kind = "heavy" if is_heavy(*cell[:2]) else "toy"
+    details = {"added_us": 1e6 * statistics.median(added), "class": kind}
+    sides = rates(taken[ours], cell[2]), rates(taken[theirs], cell[2])
+    return compared(measure, _subject(cell), *sides, "/s", bar, details)
 
 
-def _row(
-    measure: str,
-    task: _Task,
-    size: int,
-    taken: dict[str, list[float]],
-    theirs: str,
-    bar: Bar | None,
-    ours: str = "ours",
-) -> Row:
-    ratios = [b / a for a, b in zip(taken[ours], taken[theirs], strict=True)]
-    added = [a - b for a, b in zip(taken[ours], taken["bare"], strict=True)]
-    details = {"ratio": spread(ratios), "added_us": 1e6 * statistics.median(added)}
-    details["class"] = "heavy" if is_heavy(*task) else "toy"
-    return Row(
-        measure=measure,
-        subject=_subject(task, size),
-        ours=size / statistics.median(taken[ours]),
-        theirs=size / statistics.median(taken[theirs]),
-        unit="/s",
-        value=statistics.median(ratios),
-        bar=bar,
-        details=details,
-    )
-
-
-def _toy_row(task: _Task, size: int, taken: dict[str, list[float]]) -> Row:
+def _toy_row(ours: Row, physics: Row) -> Row:
     """The share of what the physics alone would reach against EnvPool."""
-    physics = _ratio(taken, "peer", "bare")
-    return Row(
-        measure="of bare Batch / EnvPool",
-        subject=_subject(task, size),
-        ours=_ratio(taken, "peer", "vector"),
-        theirs=physics,
-        unit="",
-        value=_ratio(taken, "peer", "vector") / physics,
-        bar=_PEER_TOY,
-    )
+    share = (ours.value or 0.0) / (physics.value or 1.0)
+    measure = "of bare Batch / EnvPool"
+    return Row(measure, ours.subject, ours.value, physics.value, "", share, bar=_PEER_TOY)
 
 
-def _ratio(taken: dict[str, list[float]], theirs: str, ours: str) -> float:
-    return statistics.median(b / a for a, b in zip(taken[ours], taken[theirs], strict=True))
-
-
-def _subject(task: _Task, size: int) -> str:
-    return f"{':'.join(task)}, N={size}"
+def _subject(cell: Cell) -> str:
+    return f"{cell[0]}:{cell[1]}, N={cell[2]}"
 
 
 def _dog_row(rows: Sequence[Row]) -> Row:
@@ -213,20 +181,10 @@ def _memory_rows(num_rows: int, num_processes: int) -> list[Row]:
         fresh.call("footprint", "megabytes_of_batch", *_ESCAPE, count, 1) for count in (1, num_rows)
     )
     more = None if one is None or many is None else many - one
-    subject = f"{_subject(_ESCAPE, num_rows)}, beyond N=1"
+    subject = f"{_subject((*_ESCAPE, num_rows))}, beyond N=1"
     return [
-        Row(
-            "memory",
-            "all tasks loaded",
-            of_all,
-            None,
-            "MB",
-            of_all,
-            "MB",
-            _MEMORY,
-            {"megabytes": found},
-        ),
-        Row("memory", subject, more, None, "MB", more, "MB", _ESCAPE_MEMORY),
+        figure("memory", "all tasks loaded", of_all, "MB", _MEMORY, {"megabytes": found}),
+        figure("memory", subject, more, "MB", _ESCAPE_MEMORY),
     ]
 
 
@@ -237,7 +195,7 @@ def _size_rows() -> list[Row]:
     for ending, more in ((".py", ["lqr_solver"]), (".xml", [])):
         files = [folder / f"{name}{ending}" for name in [*names, *more]]
         lines = sum(file.read_text(encoding="utf-8").count("\n") for file in files if file.exists())
-        rows.append(Row("lines", f"*{ending}", lines, None, "", lines, bar=_LINES))
+        rows.append(figure("lines", f"*{ending}", lines, "", _LINES))
     return rows
 
 
@@ -260,9 +218,8 @@ def _measure(
         case Section.BATCH:
             return _measure_batch(tasks, effort, num_threads)
         case Section.PEER:
-            envpool = folder and batch_peers.install(batch_peers.ENVPOOL, folder)
+            envpool = batch_peers.install(batch_peers.ENVPOOL, folder)
             if envpool is None:
-                _say("EnvPool is not installed: comparisons with it are not measured")
                 return []
             return _measure_peer(tasks, effort, num_threads, envpool, versions)
         case Section.LOAD:
@@ -289,15 +246,9 @@ def main(
         list[int] | None, typer.Option(help="Rows of batches; may be given repeatedly.")
     ] = None,
     quick: Quick = False,
-    peers: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where other packages are installed, kept.")
-    ] = None,
-    without_peers: Annotated[
-        bool, typer.Option("--without-peers", help="Install and compare with nothing.")
-    ] = False,
-    threads: Annotated[
-        int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
-    ] = None,
+    peers: Peers = None,
+    without_peers: WithoutPeers = False,
+    threads: Threads = None,
     json: Json = None,
 ) -> None:
     """Measure the whole suite and print each bar and whether it is met."""
