@@ -1,4 +1,4 @@
-"""The benchmarks run and report their measurements; the figures are not tested."""
+"""The bars beside dm_control are measured, and memory stays flat; no other figure is tested."""
 
 import importlib.util
 import json
@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from tests.programs import report_without_places, run_benchmark
+from tests.programs import run_benchmark
 
-# They take seconds each, and share their report and options with the one in test_suite_speed.py.
+# They take seconds each, and share their report and options with test_suite_speed.py.
 pytestmark = pytest.mark.slow
 
 _TASKS = ["humanoid:stand", "humanoid:walk"]  # of a quick run
@@ -25,17 +25,6 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     done = run_benchmark("overhead.py", "--quick", "--json", str(file))
     assert done.returncode == 0, done.stderr
     return done.stdout, file.read_text(encoding="utf-8")
-
-
-def test_one_command_prints_a_line_for_every_measure_and_task(quick: tuple[str, str]) -> None:
-    table, _ = quick
-    for measure in [*_OF_EACH_TASK, *_OF_ALL]:
-        assert measure in table
-    for task in _TASKS:
-        # Not repeated with the measure, which is named once for all tasks.
-        assert table.count(f"{task} ") >= len(_OF_EACH_TASK)
-    assert ">= 1.1" in table
-    assert "met" in table
 
 
 def test_the_json_has_every_figure_with_its_bar(quick: tuple[str, str]) -> None:
@@ -68,11 +57,6 @@ def test_comparisons_with_dm_control_run_where_it_is_installed(quick: tuple[str,
     is_installed = importlib.util.find_spec("dm_control") is not None
     assert [row["is_met"] is not None for row in compared] == [is_installed] * len(compared)
     assert ("not measured" in table) is not is_installed
-
-
-def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[str, str]) -> None:
-    settings = report_without_places(quick[1])["settings"]
-    assert settings["quick"] is True
 
 
 def test_memory_stays_flat_over_steps_and_loads() -> None:

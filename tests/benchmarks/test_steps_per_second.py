@@ -1,54 +1,17 @@
-"""The benchmark of batches and `limberjack bench` run and report their measurements."""
+"""The packages that the benchmark of batches compares do the same steps."""
 
-import importlib.util
-import json
+import importlib
 import os
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
+from benchmarks import batch_worker
 from limberjack import bench
-from tests.programs import report_without_places, run_benchmark
 from tests.representatives import PAIRS
 
 _BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """The output of a quick run without other packages, and the text of its JSON."""
-    file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
-    done = run_benchmark(
-        "steps_per_second.py", "--quick", "--without-peers", "--threads", "2", "--json", str(file)
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout, file.read_text(encoding="utf-8")
-
-
-@pytest.mark.slow  # test_suite_speed.py runs the same report and options
-def test_one_command_prints_every_measure_with_its_bar(quick: tuple[str, str]) -> None:
-    table, text = quick
-    bars = {row["measure"]: row["bar"] and row["bar"]["limit"] for row in json.loads(text)["rows"]}
-    assert {k: v for k, v in bars.items() if v is not None} == {
-        "batch / MuJoCo alone": 0.9,
-        "vector / MuJoCo alone": 0.88,
-        "reset of all / episode": 2,
-        "2 threads / 1": 1.8,
-        "memory of one more row": 0.3,
-        "two halves / plain loop": 1.6,
-    }
-    for measure in bars:
-        assert measure in table
-
-
-@pytest.mark.slow  # test_suite_speed.py runs the same report and options
-def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[str, str]) -> None:
-    settings = report_without_places(quick[1])["settings"]
-    assert settings["threads"] == 2
-    assert "step" in settings["load_averages"] or sys.platform == "win32"
 
 
 @pytest.mark.parametrize(("domain", "task"), PAIRS)
@@ -103,15 +66,6 @@ def test_the_bars_beside_envpool_are_held_on_as_many_cores_as_threads(
     assert rows[0].theirs == 1024  # steps of all rows together, a block, took a second
 
 
-def _worker() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("batch_worker", _BENCHMARKS / "batch_worker.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.parametrize(
     ("task", "name"),
     [
@@ -121,4 +75,4 @@ def _worker() -> ModuleType:
     ],
 )
 def test_envpools_names_of_the_tasks(task: tuple[str, str], name: str) -> None:
-    assert _worker().envpool_name(*task) == name
+    assert batch_worker.envpool_name(*task) == name
