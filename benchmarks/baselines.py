@@ -6,10 +6,9 @@ It writes `results/baselines.json`, from which `scores.py` makes the table in do
 policy must be compared with these: on some tasks they already score well.
 """
 
-import json
-from pathlib import Path
 from typing import Any
 
+import sources
 import typer
 from report import versions
 
@@ -18,7 +17,7 @@ from limberjack.evaluation import evaluate
 
 __all__ = ["FILE", "main"]
 
-FILE = Path(__file__).parent / "results" / "baselines.json"
+FILE = sources.RESULTS / "baselines.json"
 _SEEDS = range(64)  # one batch
 _POLICIES = ("zero", "random")
 
@@ -41,7 +40,7 @@ def main() -> None:
         typer.echo(f"{domain}:{task} {[round(rows[-1][name]['mean'], 1) for name in _POLICIES]}")
     seeds = f"{_SEEDS.start}:{_SEEDS.stop}"
     document = {"versions": versions(), "seeds": seeds, "rows": rows}
-    FILE.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    sources.write(FILE, document)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ import hashlib
 import importlib
 import json
 import os
-import re
 import subprocess
 import sys
 import textwrap
@@ -26,6 +25,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
+import pages
 import sources
 import typer
 
@@ -33,7 +34,7 @@ from limberjack import policies
 from limberjack.episodes.statistics import bootstrap_interval
 from limberjack.registry import sets
 
-__all__ = ["FILE", "SEEDS", "Shift", "draw", "main", "measure", "rows_of", "section", "write_page"]
+__all__ = ["FILE", "SEEDS", "Shift", "draw", "main", "measure", "rows_of", "section"]
 
 FILE = Path(__file__).parent / "results" / "bridge.json"
 SEEDS = range(40_000, 40_100)  # on which nothing was trained, evaluated or tuned
@@ -42,7 +43,6 @@ _PLAYER = Path(__file__).with_name("bridge_player.py")
 _DOCS = Path(__file__).parents[1] / "docs"
 _PAGE = _DOCS / "bridge.md"
 _PICTURE = _DOCS / "images" / "bridge.svg"
-_MARKS = "<!-- the bridge: written by benchmarks/bridge.py -->", "<!-- end -->"
 _SET = "dmc28"
 _ZERO, _LEARNED = "zero", "pretrained"
 _HERE, _THERE = "limberjack", "dm_control"
@@ -76,7 +76,7 @@ class Shift:
     largest: float
 
     @classmethod
-    def of(cls, here: Sequence[float], there: Sequence[float]) -> "Shift":
+    def of(cls, here: npt.ArrayLike, there: npt.ArrayLike) -> "Shift":
         """The shift of at least two pairs of returns."""
         differences = np.subtract(here, there)
         interval = bootstrap_interval(differences)
@@ -128,7 +128,8 @@ def measure(
         path = None if row["policy"] == _ZERO else _path(row["domain"], row["task"])
         answers = [_play(*side, row["domain"], row["task"], seeds, path) for side in sides]
         kept[_key(row)] = {**row, "versions": versions, **_compared(answers)}
-        _write(file, [kept[key] for key in map(_key, wanted) if key in kept])
+        rows = [kept[key] for key in map(_key, wanted) if key in kept]
+        sources.write(file, {"rows": rows})
         typer.echo(f"{name} {row['policy']}")
 
 
@@ -186,14 +187,6 @@ def _compared(answers: Sequence[Any]) -> _Row:
         )
     returns = [[episode["return"] for episode in side] for side in (here, *others)]
     return {"returns": returns, "starts": starts}
-
-
-def _write(file: Path, rows: Sequence[_Row]) -> None:
-    text = json.dumps({"rows": rows}, indent=1, allow_nan=False) + "\n"
-    short = re.sub(r"\[[-\d\s.,e+]*\]", lambda found: " ".join(found[0].split()), text)
-    file.write_text(short, encoding="utf-8")
-    if file.parent == sources.RESULTS:
-        sources.record(file.name)
 
 
 def section(rows: Sequence[_Row]) -> str:
@@ -290,7 +283,7 @@ def _table(rows: Sequence[_Row], others: Sequence[dict[str, str]]) -> list[str]:
     head = ["task", "repeat", "here"]
     for other in others:
         head += [f"MuJoCo {other['mujoco']}", "shift", "largest"]
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    lines = []
     for row in rows:
         means = [f"{np.mean(side):.1f}" for side in row["returns"]]
         cells = [_task(row), str(row["action_repeat"]), means[0]]
@@ -298,16 +291,8 @@ def _table(rows: Sequence[_Row], others: Sequence[dict[str, str]]) -> list[str]:
             shift = _shift(row, side)
             text = _signed(shift)
             cells += [mean, text if shift.is_noise else f"**{text}**", f"{shift.largest:.2f}"]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
-
-
-def write_page(rows: Sequence[_Row], page: Path = _PAGE) -> None:
-    """Replaces the text between the marks."""
-    text, (first, last) = page.read_text(encoding="utf-8"), _MARKS
-    before, _, rest = text.partition(first)
-    _, _, after = rest.partition(last)
-    page.write_text(f"{before}{first}\n{section(rows)}{last}{after}", encoding="utf-8")
+        lines.append(cells)
+    return pages.table(head, lines)
 
 
 def draw(rows: Sequence[_Row], picture: Path = _PICTURE) -> None:
@@ -368,7 +353,7 @@ def main(
     if python:
         measure(python, only or ())
     rows = rows_of()
-    write_page(rows)
+    pages.write_section(_PAGE, "the bridge", "bridge.py", section(rows))
     draw(rows)
 
 

@@ -10,18 +10,18 @@ list is made once and committed, so that a task does not change its class from r
 import json
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
 import mujoco.batch
 import numpy as np
+import sources
 import typer
 
 from limberjack import suite
 
 __all__ = ["is_heavy", "main"]
 
-_FILE = Path(__file__).parent / "results" / "classes.json"
+_FILE = sources.RESULTS / "classes.json"
 _HEAVY = 15  # microseconds per control step of one row
 _ROWS = 64
 _STEPS = 20  # of a round, after as many that are not timed
@@ -57,7 +57,7 @@ def main() -> None:
     for domain, task in suite.ALL_TASKS:
         found[f"{domain}:{task}"] = round(_microseconds(domain, task), 1)
         typer.echo(f"{domain}:{task} {found[f'{domain}:{task}']} us")
-    _FILE.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    sources.write(_FILE, found)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ It writes results/from_datasets.json and the table of docs/datasets.md, and need
 and `torchrl`. README.md describes the comparison.
 """
 
-import json
 import re
 import subprocess
 import sys
@@ -17,16 +16,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import pages
+import sources
+
 from limberjack.mujoco.fingerprint import versions
 
-__all__ = ["MARK", "PAGE", "RESULT", "main", "returns_in", "section", "write_page"]
+__all__ = ["main", "returns_in", "section"]
 
 _ROOT = Path(__file__).parents[1]
 _EXAMPLES = _ROOT / "examples"
-RESULT = _ROOT / "benchmarks" / "results" / "from_datasets.json"
-PAGE = _ROOT / "docs" / "datasets.md"
-MARK = "<!-- learned from datasets: written by benchmarks/from_datasets.py -->\n"
-_END = "<!-- end -->"
 # The example that learns, and the one that collects the dataset.
 _RUNS = (
     ("behaviour_cloning", "behaviour_cloning"),
@@ -52,24 +50,16 @@ def returns_in(printed: str) -> tuple[float, float]:
 
 def section(content: Any) -> str:  # Any: what was read from JSON
     """The table of the page."""
-    lines = [
-        "",
-        "| example | dataset of | return of the dataset | of the policies of three seeds |",
-        "|---|---|---|---|",
+    columns = ["example", "dataset of", "return of the dataset", "of the policies of three seeds"]
+    rows = [
+        [
+            *(f"`{row[name]}.py`" for name in ("example", "dataset")),
+            f"{row['return_of_dataset']:.0f}",
+            ", ".join(f"{mean:.0f}" for mean in row["returns"]),
+        ]
+        for row in content["rows"]
     ]
-    for row in content["rows"]:
-        returns = ", ".join(f"{mean:.0f}" for mean in row["returns"])
-        names = f"`{row['example']}.py` | `{row['dataset']}.py`"
-        lines.append(f"| {names} | {row['return_of_dataset']:.0f} | {returns} |")
-    return "\n".join([*lines, "", ""])
-
-
-def write_page() -> None:
-    """Writes the table of the results into the page."""
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-    _, _, after = rest.partition(_END)
-    table = section(json.loads(RESULT.read_text(encoding="utf-8")))
-    PAGE.write_text(f"{before}{MARK}{table}{_END}{after}", encoding="utf-8")
+    return "\n".join(["", *pages.table(columns, rows), "", ""])
 
 
 def _run(example: str, folder: Path, seed: int) -> tuple[float, float]:
@@ -102,8 +92,9 @@ def main() -> None:
         "versions": {**versions(), **{name: version(name) for name in _PACKAGES}},
         "rows": rows,
     }
-    RESULT.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
-    write_page()
+    sources.write(sources.RESULTS / "from_datasets.json", content)
+    page = _ROOT / "docs" / "datasets.md"
+    pages.write_section(page, "learned from datasets", "from_datasets.py", section(content))
 
 
 if __name__ == "__main__":

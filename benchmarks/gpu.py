@@ -19,10 +19,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
+import sources
 import typer
 
 from limberjack import gpu, suite
-from limberjack.utils.files import replacing
 
 __all__ = ["main", "measured"]
 
@@ -46,6 +46,7 @@ def measured(device: str, seconds: float, file: Path | None, sizes: tuple[int, .
     end = time.monotonic() + seconds
     kept = json.loads(file.read_text(encoding="utf-8")) if file and file.exists() else {}
     results: list[dict[str, Any]] = kept.get("results", [])
+    machine = {"processor": platform.processor() or platform.machine(), "system": platform.system()}
     done = {(each["task"], each["num_envs"]) for each in results}
     count = len(results)
     each_seconds = _SECONDS_EACH if device != "cpu" else 0.1
@@ -65,7 +66,7 @@ def measured(device: str, seconds: float, file: Path | None, sizes: tuple[int, .
             f"{found['ratio']:.2f} of MuJoCo Warp alone, {found['bytes_per_row'] / 1e3:.0f} kB each"
         )
         if file:
-            _write(file, results)
+            sources.write(file, {"machine": machine, "results": results})
     return results
 
 
@@ -106,13 +107,6 @@ def _wanted(sizes: tuple[int, ...]) -> Iterator[tuple[str, str, int]]:
         for domain, task in of_domain.values():
             if (domain, task) not in gpu.REFUSED:
                 yield domain, task, size
-
-
-def _write(file: Path, results: list[dict[str, Any]]) -> None:
-    machine = {"processor": platform.processor() or platform.machine(), "system": platform.system()}
-    with replacing(file) as partial:
-        text = json.dumps({"machine": machine, "results": results}, indent=2) + "\n"
-        Path(partial).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -17,13 +17,14 @@ import csv
 import dataclasses
 import hashlib
 import json
-import re
 import statistics
 import textwrap
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
+import pages
+import sources
 import typer
 
 from limberjack import suite
@@ -33,7 +34,7 @@ from limberjack.policies import learning, mlp
 from limberjack.see.report import write_learning_plot
 from limberjack.suite import lqr_solver
 from limberjack.training import Settings, settings_for
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 
 __all__ = [
     "PICTURE",
@@ -61,8 +62,11 @@ _DOCS = _ROOT / "docs"
 _BUNDLED = _ROOT / "src" / "limberjack" / "policies" / "pretrained"
 _POLICY = "policy.safetensors"
 _LICENCE = "Apache-2.0"
-_MARK, _END = "<!-- {}: written by benchmarks/learned.py -->", "<!-- end -->"
 _WIDTH = 100  # of a line of text
+_COLUMNS = (
+    *("task", "steps", "repeat", "mean", "interval", "median", "minimum"),
+    *("success", "runs", "zero here", "published"),
+)
 _MILLION = 1_000_000
 
 _TEXT = """
@@ -99,21 +103,21 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
     for name, folders in tasks.items():
         _check_alike(name, folders)
         bundled, result = folder / f"{name}.safetensors", out / f"{name}.json"
-        known, sources = _known_runs(result, folders[0], bundled)
+        known, policies = _known_runs(result, folders[0], bundled)
         evaluation = None
         for one in folders:
             run, evaluation = _scored(one)
-            known[run["seed"]], sources[run["seed"]] = run, one / _POLICY
+            known[run["seed"]], policies[run["seed"]] = run, one / _POLICY
         assert evaluation is not None
         runs = [known[seed] for seed in sorted(known)]
         middle = statistics.median_low(run["mean"] for run in runs)
         run = next(one for one in runs if one["mean"] == middle)
-        if run["seed"] not in sources:
+        if run["seed"] not in policies:
             raise ValueError(
                 f"the median run of {name} is that of seed {run['seed']}, whose policy is neither "
                 f"in {trained} nor bundled: train it again"
             )
-        _copy(sources[run["seed"]], bundled, run)
+        _copy(policies[run["seed"]], bundled, run)
         content = {
             "domain": evaluation.facts["domain"],
             "task": evaluation.facts["task"],
@@ -127,9 +131,7 @@ def bundle(trained: Path, folder: Path = _BUNDLED, out: Path = RESULTS) -> list[
         }
         if content["domain"] == "lqr":
             content["optimal"] = _optimal_cost(content["task"])
-        out.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-        result.write_text(_short_lists(text), encoding="utf-8")
+        sources.write(result, content)
     return list(tasks)
 
 
@@ -168,11 +170,6 @@ def results(folder: Path = RESULTS) -> list[_Result]:
 
 def section(found: Iterable[_Result]) -> str:
     """The text of the page about the bundled policies."""
-    lines = [
-        "| task | steps | repeat | mean | interval | median | minimum | success | runs | zero here "
-        "| published |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
     found = list(found)
     counts = sorted({len(result["runs"]) for result in found})
     others = [
@@ -180,7 +177,7 @@ def section(found: Iterable[_Result]) -> str:
         for one in found
         if one["settings"] is None
     ]
-    lines += [_row(result) for result in found]
+    lines = pages.table(_COLUMNS, map(_row, found))
     text = _TEXT.format(
         runs=" or ".join(map(str, counts)),
         others=f", {', '.join(others)}" if others else "",
@@ -194,10 +191,10 @@ def section(found: Iterable[_Result]) -> str:
     return f"{text}\n" + "\n".join(lines) + "\n\n" if counts else ""
 
 
-def _row(result: _Result) -> str:
+def _row(result: _Result) -> list[str]:
     (run,) = (one for one in result["runs"] if one["seed"] == result["bundled"])
     low, high = run["interval"]
-    cells = [
+    return [
         f"{result['domain']} {result['task']}",
         f"{run['steps'] // 1000}k",
         str(run["action_repeat"]),
@@ -210,7 +207,6 @@ def _row(result: _Result) -> str:
         f"{result['zero']:.1f}",
         _known(result, run),
     ]
-    return f"| {' | '.join(cells)} |"
 
 
 def _program(result: _Result) -> str:
@@ -301,11 +297,6 @@ def _copy(source: Path, target: Path, run: _Result) -> None:
     mlp.save(target, policy.layers, card)
 
 
-def _short_lists(text: str) -> str:
-    """JSON with lists of numbers on one line each."""
-    return re.sub(r"\[[-\d\s.,e+]*\]", lambda found: " ".join(found[0].split()), text)
-
-
 def is_outdated(result: _Result) -> bool:
     """Whether the table of settings has other ones than those of a task's runs."""
     if result["settings"] is None:
@@ -348,16 +339,11 @@ def _listed(values: Iterable[object]) -> str:
 def write_pages(docs: Path = _DOCS) -> None:
     """Writes the table of the bundled policies and the figures of the recipe into their pages."""
     found = results()
-    _replace(docs / "policies.md", "bundled policies", section(found))
-    _replace(docs / "training.md", "recipe", recipe(found))
-
-
-def _replace(page: Path, name: str, content: str) -> None:
-    """Replaces the text of a page between the mark of a name and the next end."""
-    text, first = page.read_text(encoding="utf-8"), _MARK.format(name)
-    before, _, rest = text.partition(first)
-    _, _, after = rest.partition(_END)
-    page.write_text(f"{before}{first}\n{content}{_END}{after}", encoding="utf-8")
+    for page, name, text in (
+        ("policies.md", "bundled policies", section(found)),
+        ("training.md", "recipe", recipe(found)),
+    ):
+        pages.write_section(docs / page, name, "learned.py", text)
 
 
 def known_curves(found: Iterable[_Result]) -> str:
@@ -383,8 +369,7 @@ def write_curves(file: Path = learning.FILE, picture: Path = PICTURE) -> None:
     The picture's description is the SHA-256 of the file.
     """
     text = known_curves(results())
-    with replacing(file) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_whole(file, text)
     tasks = list(learning.parse(text).values())
     write_learning_plot(picture, tasks, hashlib.sha256(text.encode()).hexdigest())
 

@@ -15,7 +15,7 @@ import json
 import math
 import statistics
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,7 +26,6 @@ from report import versions
 from limberjack import suite
 from limberjack.planner import ICEM, MPPI, Planner, Settings, cost_for
 from limberjack.planner.cost import sources_for
-from limberjack.utils.files import replacing
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.sources import hash_of_files
 from limberjack.utils.suggest import did_you_mean
@@ -115,7 +114,7 @@ def _play(
             chosen = dataclasses.replace(chosen, samples=played["samples"])
             episode = _episode(domain, name, seed, chosen, seconds)
             played["episodes"][str(seed)] = episode
-            _write(found, file)
+            sources.write(file, found)
             typer.echo(f"{title} {seed} {variant}: {episode['return']:.2f}")
 
 
@@ -186,13 +185,6 @@ def _episode(
         total += float(time_step.reward or 0.0)
         steps += 1
     return {"return": total, "steps": steps, "processor_seconds": round(spent, 2)}
-
-
-def _write(found: Mapping[str, _Task], file: Path) -> None:
-    with replacing(file) as path:
-        path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    if file.resolve().parent == sources.RESULTS:
-        sources.record(file.name)
 
 
 def table(entry: _Task) -> list[str]:

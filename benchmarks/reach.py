@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import sources
 import typer
 
 from limberjack import suite
@@ -151,7 +152,7 @@ def main(
     """Print what is reachable in each of the arm's tasks."""
     results = []
     for domain, task in _TASKS:
-        scores = Path(__file__).parent / "results" / "scores" / f"{domain}-{task}-zero.json"
+        scores = sources.RESULTS / "scores" / f"{domain}-{task}-zero.json"
         played = json.loads(scores.read_text(encoding="utf-8"))["episodes"]
         returns = [episode["return"] for episode in played[:episodes]]
         result = measure(domain, task, episodes, returns)
@@ -161,7 +162,7 @@ def main(
         )
         results.append(result)
     if json_file is not None:
-        json_file.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+        sources.write(json_file, results)
 
 
 if __name__ == "__main__":

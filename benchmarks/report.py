@@ -4,7 +4,6 @@ import dataclasses
 import datetime
 import importlib
 import importlib.metadata
-import json
 import os
 import platform
 import statistics
@@ -249,10 +248,7 @@ def write_json(path: Path, rows: Iterable[Row], settings: Mapping[str, Any]) -> 
         "settings": settings,
         "rows": [{**dataclasses.asdict(row), "is_met": row.is_met} for row in rows],
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-    if path.resolve().parent == sources.RESULTS:
-        sources.record(path.name)
+    sources.write(path, document)
 
 
 def _text(number: float | None, unit: str) -> str:

@@ -23,6 +23,7 @@ from typing import Any
 
 import baselines
 import unsolved
+from pages import table
 
 from limberjack import suite
 from limberjack.evaluation import evaluate, published
@@ -219,7 +220,7 @@ def read_results() -> list[_Result]:
 def page(results: Sequence[_Result]) -> str:
     """The text of docs/scores.md."""
     columns = ["domain", "task", "policy", "seeds", "mean", "interval", "median", "success"]
-    lines = [*_table([*columns, "zero here"], _score_rows(results)), _BY_START]
+    lines = [*table([*columns, "zero here"], _score_rows(results)), _BY_START]
     for domain in suite.TASKS_BY_DOMAIN:
         lines += _start_table([result for result in results if result["domain"] == domain])
     lines.pop()
@@ -229,13 +230,8 @@ def page(results: Sequence[_Result]) -> str:
     lines += _published_lines(results)
     columns = ["domain", "task", "policy", "its hash", "played again", "model", "versions"]
     notes = _notes()
-    lines += [_MEASURED, *_table(columns, (_origin(result, notes) for result in results))]
+    lines += [_MEASURED, *table(columns, (_origin(result, notes) for result in results))]
     return "\n".join([_HEAD, *lines]) + "\n"
-
-
-def _table(columns: Sequence[str], rows: Any) -> list[str]:
-    body = [f"| {' | '.join(row)} |" for row in rows]
-    return [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", *body]
 
 
 def _rows_of(results: Sequence[_Result]) -> Iterator[tuple[_Result, str, _Result]]:
@@ -280,7 +276,7 @@ def _start_table(results: Sequence[_Result]) -> list[str]:
         [task, start, *(row.get(policy, "-") for policy in policies)]
         for (task, start), row in cells.items()
     ]
-    return [*_table(["task", "start", *policies], rows), ""] if rows else []
+    return [*table(["task", "start", *policies], rows), ""] if rows else []
 
 
 def _baseline_lines() -> list[str]:
@@ -295,7 +291,7 @@ def _baseline_lines() -> list[str]:
         for row in found["rows"]
     ]
     head = _BASELINES.format(seeds=found["seeds"])
-    return [head, *_table(["domain", "task", "zero", "random"], rows)]
+    return [head, *table(["domain", "task", "zero", "random"], rows)]
 
 
 def _published_lines(results: Sequence[_Result]) -> list[str]:
@@ -319,9 +315,9 @@ def _published_lines(results: Sequence[_Result]) -> list[str]:
     without = ", ".join(f"{domain} {task}" for domain, task in published.none_found())
     return [
         _PUBLISHED_TEXT.format(without=without),
-        *_table(columns, rows),
+        *table(columns, rows),
         _SOURCES_TEXT.format(scores=len(published.scores())),
-        *_table(head, map(_source_row, sources)),
+        *table(head, map(_source_row, sources)),
         _SECOND_HAND_TEXT,
         *notes,
     ]

@@ -11,11 +11,15 @@ figure is measured again when somebody has reason to believe that it has changed
 import fnmatch
 import hashlib
 import json
+import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-__all__ = ["RESULTS", "fingerprint", "names", "outdated", "parts_of", "record"]
+from limberjack.utils.files import write_whole
+
+__all__ = ["RESULTS", "fingerprint", "names", "outdated", "parts_of", "record", "write"]
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -106,6 +110,21 @@ def record(name: str, results: Path = RESULTS, package: Path = _PACKAGE) -> None
     known[name] = {"parts": parts, "sha256": fingerprint(parts, package)}
     text = json.dumps(dict(sorted(known.items())), indent=1)
     ledger.write_text(f"{text}\n", encoding="utf-8")
+
+
+def write(file: Path, content: Any) -> None:  # Any: values of JSON
+    """Writes the results of a measurement, with the sources if they are for `results`.
+
+    Raises:
+      ValueError: a number is infinite or not a number.
+    """
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    # Lists of numbers are on one line each.
+    text = re.sub(r"\[[-\d\s.,e+]*\]", lambda found: " ".join(found[0].split()), text)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(file, text)
+    if file.resolve().is_relative_to(RESULTS):
+        record(file.resolve().relative_to(RESULTS).as_posix())
 
 
 if __name__ == "__main__":

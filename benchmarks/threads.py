@@ -11,6 +11,8 @@ import json as json_of
 from pathlib import Path
 from typing import Annotated, Any
 
+import pages
+import sources
 import typer
 from report import Json, Quick, Row, finish, write_json
 
@@ -19,10 +21,9 @@ from limberjack import bench
 __all__ = ["MARK", "PAGE", "RESULT", "main", "section", "write_page"]
 
 _ROOT = Path(__file__).parents[1]
-RESULT = _ROOT / "benchmarks" / "results" / "threads.json"
+RESULT = sources.RESULTS / "threads.json"
 PAGE = _ROOT / "docs" / "batches.md"
-MARK = "<!-- threads: written by benchmarks/threads.py -->\n"
-_END = "<!-- end -->"
+MARK = "threads", "threads.py"  # of the section
 _TASKS = (("humanoid", "walk"), ("walker", "walk"), ("cartpole", "swingup"))
 _ENVPOOL = "EnvPool"
 
@@ -30,14 +31,11 @@ _ENVPOOL = "EnvPool"
 def section(content: Any) -> str:  # Any: what was read from JSON
     """The table of the page, and the machine that it was measured on."""
     machine, settings = content["machine"], content["settings"]
-    lines = [
-        "",
+    head = (
         f"Steps per second of {settings['num_envs']} rows, on {machine['usable_cores']} cores "
-        f"({machine['processor']}):",
-        "",
-        "| task | threads | step | inference | training | p95 of a step | memory | EnvPool |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+        f"({machine['processor']}):"
+    )
+    lines = []
     found: dict[str, dict[str, Any]] = {}
     for row in content["rows"]:
         found.setdefault(row["subject"], {})[row["measure"]] = row
@@ -47,16 +45,15 @@ def section(content: Any) -> str:  # Any: what was read from JSON
         details, theirs = cells["step"]["details"], cells["step"]["theirs"]
         more = [f"{details['milliseconds_95']:.2f} ms", f"{details['megabytes']:.0f} MB"]
         envpool = "-" if theirs is None else f"{theirs:,.0f}"
-        lines.append(f"| {' | '.join([task, threads.split()[0], *speeds, *more, envpool])} |")
-    return "\n".join([*lines, "", ""])
+        lines.append([task, threads.split()[0], *speeds, *more, envpool])
+    columns = ["task", "threads", *bench.COLUMNS, "p95 of a step", "memory", _ENVPOOL]
+    return "\n".join(["", head, "", *pages.table(columns, lines), "", ""])
 
 
 def write_page() -> None:
     """Writes the table of the results into the page."""
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(MARK)
-    _, _, after = rest.partition(_END)
-    table = section(json_of.loads(RESULT.read_text(encoding="utf-8")))
-    PAGE.write_text(f"{before}{MARK}{table}{_END}{after}", encoding="utf-8")
+    content = json_of.loads(RESULT.read_text(encoding="utf-8"))
+    pages.write_section(PAGE, *MARK, section(content))
 
 
 def _rows(domain: str, task: str, num_envs: int, seconds: float) -> list[Row]:

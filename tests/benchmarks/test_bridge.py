@@ -1,7 +1,6 @@
 """The bridge plays the same episodes on all sides; its page and its figure are of its results."""
 
 import dataclasses
-import importlib
 import itertools
 import json
 import re
@@ -11,10 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import bridge
+import bridge_player as player
 import numpy as np
 import pytest
 
-from benchmarks import bridge_player as player
 from limberjack import policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
@@ -24,13 +24,6 @@ from limberjack.registry import sets
 _REPOSITORY = Path(__file__).parents[2]
 _BENCHMARKS = _REPOSITORY / "benchmarks"
 _SEEDS = range(40_000, 40_002)
-
-
-@pytest.fixture(name="bridge")
-def _bridge(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The script."""
-    monkeypatch.syspath_prepend(_BENCHMARKS)
-    return importlib.import_module("bridge")
 
 
 # The player.
@@ -149,7 +142,7 @@ def test_on_the_same_mujoco_both_sides_play_the_same_episodes(domain: str, task:
 # The results.
 
 
-def test_a_shift_is_the_mean_of_the_differences_with_its_interval(bridge: Any) -> None:
+def test_a_shift_is_the_mean_of_the_differences_with_its_interval() -> None:
     stream = np.random.RandomState(0)
     there = stream.uniform(0, 1000, 100)
     differences = stream.normal(5, 10, 100)
@@ -178,19 +171,19 @@ def test_a_shift_is_the_mean_of_the_differences_with_its_interval(bridge: Any) -
     ],
 )
 def test_a_shift_is_noise_if_it_may_be_zero_or_is_smaller_than_one(
-    bridge: Any, interval: tuple[float, float], is_noise: bool
+    interval: tuple[float, float], is_noise: bool
 ) -> None:
     assert bridge.Shift(sum(interval) / 2, interval, 9.0).is_noise is is_noise
 
 
-def test_the_page_has_the_results(bridge: Any) -> None:
+def test_the_page_has_the_results() -> None:
     page = (_REPOSITORY / "docs" / "bridge.md").read_text("utf-8")
     text = bridge.section(bridge.rows_of())
     assert text
     assert text in page
 
 
-def test_the_figure_is_of_the_results(bridge: Any, tmp_path: Path) -> None:
+def test_the_figure_is_of_the_results(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="needs the extra 'report'")
     rows = bridge.rows_of()
     bridge.draw(rows, tmp_path / "bridge.svg")
@@ -200,7 +193,7 @@ def test_the_figure_is_of_the_results(bridge: Any, tmp_path: Path) -> None:
     assert found in drawn
 
 
-def test_zero_actions_are_compared_on_the_tasks_of_the_set_or_named_as_missing(bridge: Any) -> None:
+def test_zero_actions_are_compared_on_the_tasks_of_the_set_or_named_as_missing() -> None:
     rows = bridge.rows_of()
     zero = [(row["domain"], row["task"]) for row in rows if row["policy"] == "zero"]
     missing = [task for task in sets.tasks_of("dmc28") if task not in zero]
@@ -232,9 +225,7 @@ print(json.dumps({{"versions": versions, "episodes": episodes}}))
 
 
 @pytest.fixture(name="stand_in")
-def _stand_in(
-    bridge: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[str], tuple[str, Path]]:
+def _stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], tuple[str, Path]]:
     """Makes an interpreter that reports a version of MuJoCo and plays nothing, and its log."""
     card = mlp.Card(
         layout=(("orientation", (2,)), ("velocity", (1,))), low=(-1.0,), high=(1.0,), end="none"
@@ -260,7 +251,7 @@ def _stand_in(
 
 
 def test_what_is_measured_is_kept_and_not_played_again(
-    bridge: Any, stand_in: Callable[[str], tuple[str, Path]], tmp_path: Path
+    stand_in: Callable[[str], tuple[str, Path]], tmp_path: Path
 ) -> None:
     python, log = stand_in("3.0.0")
     file = tmp_path / "bridge.json"
@@ -291,7 +282,7 @@ def test_what_is_measured_is_kept_and_not_played_again(
 
 
 def test_what_was_played_is_kept_if_a_process_fails(
-    bridge: Any, stand_in: Callable[[str], tuple[str, Path]], tmp_path: Path
+    stand_in: Callable[[str], tuple[str, Path]], tmp_path: Path
 ) -> None:
     python, _ = stand_in("3.0.0")
     text = Path(python).read_text()

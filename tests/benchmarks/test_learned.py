@@ -7,11 +7,11 @@ import re
 import statistics
 from pathlib import Path
 
+import learned
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from benchmarks import learned
 from limberjack import policies, suite
 from limberjack.episodes.player import play_unit
 from limberjack.evaluation import Evaluation

@@ -1,25 +1,18 @@
 """The comparison of optimisers resumes, and reports on the seeds that all variants have played."""
 
-import importlib
 import json
 from pathlib import Path
 from typing import Any
 
+import optimisers
 import pytest
 import typer
 
 from limberjack.planner import ICEM, MPPI, Settings
 
 
-@pytest.fixture
-def optimisers(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The module, which imports others from its own folder."""
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
-    return importlib.import_module("optimisers")
-
-
 def test_an_episode_is_kept_as_it_ends_and_is_not_played_again(
-    optimisers: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def play() -> str:
         variants = ["icem samples=12"]
@@ -45,7 +38,7 @@ def test_an_episode_is_kept_as_it_ends_and_is_not_played_again(
 
 
 def test_a_variant_without_samples_takes_as_much_time_as_the_own_settings(
-    optimisers: Any, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(optimisers, "_PLANS", 4)
     monkeypatch.setattr(optimisers, "_ROUNDS", 2)
@@ -54,7 +47,7 @@ def test_a_variant_without_samples_takes_as_much_time_as_the_own_settings(
     assert 8 <= found.samples < 64
 
 
-def test_words_describe_settings(optimisers: Any) -> None:
+def test_words_describe_settings() -> None:
     own = Settings(samples=10, noise=0.3)
     assert optimisers.settings_of(own, "own") is own
     found = optimisers.settings_of(own, "icem colour=0.5 takes_best=true samples=7")
@@ -72,12 +65,12 @@ def test_words_describe_settings(optimisers: Any) -> None:
         ("icem iterations=0", "iterations is 0; expected a whole number from 1"),
     ],
 )
-def test_a_variant_that_cannot_be_is_named(optimisers: Any, variant: str, message: str) -> None:
+def test_a_variant_that_cannot_be_is_named(variant: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         optimisers.settings_of(Settings(), variant)
 
 
-def test_the_table_compares_seeds_that_all_have_played(optimisers: Any) -> None:
+def test_the_table_compares_seeds_that_all_have_played() -> None:
     def of(*returns: float) -> dict[str, Any]:
         episodes = {
             str(seed): {"return": value, "steps": 10, "processor_seconds": 2.0}
@@ -95,7 +88,7 @@ def test_the_table_compares_seeds_that_all_have_played(optimisers: Any) -> None:
     assert len(optimisers.table(entry)) == 2
 
 
-def test_the_page_has_the_table_of_the_results(optimisers: Any) -> None:
+def test_the_page_has_the_table_of_the_results() -> None:
     found = json.loads(optimisers.RESULTS.read_text(encoding="utf-8"))
     page = (Path(__file__).parents[2] / "docs" / "planner.md").read_text(encoding="utf-8")
     for entry in found.values():

@@ -1,18 +1,10 @@
 """A benchmark ends with its table, the bars it missed, a file, and an exit status."""
 
-import importlib
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
-
-
-@pytest.fixture
-def report(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The module, which the benchmarks import from their own folder."""
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
-    return importlib.import_module("report")
+import report
 
 
 @pytest.mark.parametrize(
@@ -25,7 +17,6 @@ def report(monkeypatch: pytest.MonkeyPatch) -> Any:
     ],
 )
 def test_a_missed_bar_is_named_and_is_the_exit_status(
-    report: Any,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     value: float | None,
@@ -43,7 +34,7 @@ def test_a_missed_bar_is_named_and_is_the_exit_status(
     assert [row["value"] for row in document["rows"]] == [value]
 
 
-def test_two_quantities_are_compared_round_by_round(report: Any) -> None:
+def test_two_quantities_are_compared_round_by_round() -> None:
     ours, theirs = report.rates([0.5, 1.0, 0.25], work=2), [2.0, 1.0, 2.0]
     row = report.compared("speed", "walk", ours, theirs, "/s", report.at_least(2.0), {"rows": 3})
     assert (row.ours, row.theirs, row.value, row.is_met) == (4.0, 2.0, 2.0, True)
@@ -52,7 +43,7 @@ def test_two_quantities_are_compared_round_by_round(report: Any) -> None:
     assert (alone.ours, alone.theirs, alone.value, alone.is_met) == (4.0, None, None, None)
 
 
-def test_a_mean_is_geometric_and_needs_a_value_of_each_row(report: Any) -> None:
+def test_a_mean_is_geometric_and_needs_a_value_of_each_row() -> None:
     rows = [report.compared("speed", name, [x], [1.0], "/s") for name, x in (("a", 2), ("b", 8))]
     mean = report.mean_of(rows, "geometric mean", report.at_most(3))
     assert (mean.measure, mean.unit, mean.is_met) == ("speed", "/s", False)

@@ -1,14 +1,11 @@
 """Results name the sources that they depend on."""
 
-import importlib
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
-
-sources: Any = importlib.import_module("benchmarks.sources")
+import sources
 
 
 def test_every_result_lists_its_sources() -> None:

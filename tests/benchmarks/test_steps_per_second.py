@@ -1,17 +1,15 @@
 """The packages that the benchmark of batches compares do the same steps."""
 
-import importlib
 import os
 from pathlib import Path
 
+import batch_stepping
+import batch_worker
 import numpy as np
 import pytest
 
-from benchmarks import batch_worker
 from limberjack import bench
 from tests.representatives import PAIRS
-
-_BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.mark.parametrize(("domain", "task"), PAIRS)
@@ -49,10 +47,8 @@ def test_the_bars_beside_envpool_are_held_on_as_many_cores_as_threads(
         def play(self, actions: np.ndarray) -> float:
             return 1.0 if len(allowed) == 1 else 0.5
 
-    monkeypatch.syspath_prepend(_BENCHMARKS)
     monkeypatch.setattr("batch_peers.Peer", Peer)
-    stepping = importlib.import_module("batch_stepping")
-    cells = stepping.Cells([("stacker", "stack_2")], [64], 1, Path())
+    cells = batch_stepping.Cells([("stacker", "stack_2")], [64], 1, Path())
     before = os.sched_getaffinity(0)
     cells.measure(cells.all[0], seconds=0.0, min_rounds=2, warm_up_steps=1)
     assert [len(cores) for cores in allowed] == [1, len(before)]

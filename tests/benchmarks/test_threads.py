@@ -1,21 +1,15 @@
 """The benchmark of threads runs and reports its measurements; the figures are not tested."""
 
-import importlib
 import importlib.util
 import json
 from pathlib import Path
 from typing import Any
 
+import pages
 import pytest
+import threads
 
 from tests.programs import run_benchmark
-
-
-@pytest.fixture
-def threads(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The module; the benchmarks import one another by their names alone."""
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
-    return importlib.import_module("threads")
 
 
 def _row(column: str, count: int, ours: float, theirs: float | None) -> dict[str, Any]:
@@ -30,17 +24,12 @@ def _row(column: str, count: int, ours: float, theirs: float | None) -> dict[str
     }
 
 
-def test_the_table_of_the_page_is_the_one_that_was_measured(threads: Any) -> None:
-    _, _, rest = threads.PAGE.read_text(encoding="utf-8").partition(threads.MARK)
-    table, end, _ = rest.partition("<!-- end -->")
-    assert end
-    content = threads.RESULT.read_text(encoding="utf-8") if threads.RESULT.exists() else None
-    assert table == ("" if content is None else threads.section(json.loads(content)))
+def test_the_table_of_the_page_is_the_one_that_was_measured() -> None:
+    content = threads.RESULT.read_text(encoding="utf-8")
+    assert pages.section_of(threads.PAGE, *threads.MARK) == threads.section(json.loads(content))
 
 
-def test_the_table_has_a_line_for_each_number_of_threads_and_names_the_machine(
-    threads: Any,
-) -> None:
+def test_the_table_has_a_line_for_each_number_of_threads_and_names_the_machine() -> None:
     rows = [
         _row("step", 1, 1000.4, 800.0),
         _row("inference", 1, 900.0, None),

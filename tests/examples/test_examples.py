@@ -7,8 +7,8 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
+import from_datasets
 import numpy as np
 import pytest
 
@@ -18,8 +18,6 @@ from limberjack.evaluation import evaluate
 from limberjack.policies import mlp
 from limberjack.utils.requirements import install_command
 from tests.policies.network_files import write
-
-from_datasets: Any = importlib.import_module("benchmarks.from_datasets")
 
 _EXAMPLES = Path(__file__).parents[2] / "examples"
 _SOURCE = Path(limberjack.__file__).parents[1]
