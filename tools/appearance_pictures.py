@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pictures
 import typer
 
 from limberjack import suite
 from limberjack.see.video import mosaic
-from limberjack.utils import png
-from limberjack.utils.files import replacing
 
 __all__ = ["APPEARANCES", "FOLDER", "draw", "main"]
 
@@ -53,14 +52,14 @@ APPEARANCES: dict[str, str | Mapping[str, object] | None] = {
 
 def draw(name: str) -> np.ndarray:
     """The starts of the tasks in an appearance, (84, 3 * 84, 3) uint8."""
-    pictures = []
+    drawn = []
     for task in _TASKS:
         options = {"appearance": APPEARANCES[name]}
         env = suite.load(*task, {"random": _SEED}, options)
         env.reset()
-        pictures.append(env.physics.render(_SIZE, _SIZE, 0))
+        drawn.append(env.physics.render(_SIZE, _SIZE, 0))
         env.close()
-    return mosaic(pictures, columns=len(_TASKS))
+    return mosaic(drawn, columns=len(_TASKS))
 
 
 def main(
@@ -69,10 +68,8 @@ def main(
     ] = None,
 ) -> None:
     """Draw the pictures of docs/appearance.md."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
     for name in names or APPEARANCES:
-        with replacing(FOLDER / f"{name}.png") as partial:
-            partial.write_bytes(png.encode(draw(name)))
+        pictures.write(FOLDER, name, draw(name))
         typer.echo(f"{name}.png")
 
 

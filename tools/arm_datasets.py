@@ -23,7 +23,7 @@ from limberjack.data import Information
 from limberjack.episodes.player import Player
 from limberjack.evaluation import Score, evaluate
 from limberjack.evaluation.store import Store
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 
 __all__ = ["card_of", "hashes_in", "main"]
 
@@ -117,8 +117,7 @@ def _make(task: str, out: Path, episodes: int, workers: int | None) -> dict[str,
     command = f"limberjack collect {domain} {task} --policy {_POLICY} {asked}"
     data.collect(domain, task, _POLICY, seeds, out=out / task, workers=workers, command=command)
     information = data.inform(data.load(out / task))
-    with replacing(_card(out, task)) as partial:
-        partial.write_text(card_of(information, f"{command} --out DIR"), encoding="utf-8")
+    write_whole(_card(out, task), card_of(information, f"{command} --out DIR"))
     return information.files
 
 

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pictures
 import typer
 
 from limberjack import policies, suite
 from limberjack.evaluation import evaluate
 from limberjack.see.report import write_distribution_plot, write_learning_plot
 from limberjack.see.video import mosaic
-from limberjack.utils import png
-from limberjack.utils.files import replacing
 
 __all__ = ["FOLDER", "STEPS", "draw_batch", "draw_step", "main"]
 
@@ -37,12 +36,12 @@ def draw_step() -> np.ndarray:
     """The episode of seed 0 after some of its steps, side by side."""
     environment = suite.load(*_TASK, {"random": 0})
     act = policies.find("pretrained", environment).begin_alone(environment, 0)
-    time_step, pictures = environment.reset(), []
+    time_step, drawn = environment.reset(), []
     for step in range(STEPS[-1] + 1):
         if step in STEPS:
-            pictures.append(environment.physics.render(*_PICTURE, "side"))
+            drawn.append(environment.physics.render(*_PICTURE, "side"))
         time_step = environment.step(act(time_step.observation))
-    return mosaic(pictures, len(STEPS))
+    return mosaic(drawn, len(STEPS))
 
 
 def draw_batch() -> np.ndarray:
@@ -56,10 +55,8 @@ def main(
     out: Annotated[Path, typer.Option(metavar="DIR", help="The folder of the pictures.")] = FOLDER,
 ) -> None:
     """Draw the pictures."""
-    out.mkdir(parents=True, exist_ok=True)
-    for name, picture in (("step", draw_step()), ("batch", draw_batch())):
-        with replacing(out / f"{name}.png") as partial:
-            partial.write_bytes(png.encode(picture))
+    pictures.write(out, "step", draw_step())
+    pictures.write(out, "batch", draw_batch())
     write_learning_plot(out / "train.png", [policies.learning_of(*_LEARNED)])
     scores = evaluate(*_TASK, "pretrained", _SEEDS).scores
     returns = {name: [episode.total for episode in played] for name, played in scores.items()}

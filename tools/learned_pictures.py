@@ -10,19 +10,16 @@ a few minutes with a software renderer.
 """
 
 import sys
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import picture_index
+import pictures
 import tiles
 import typer
 
 from limberjack import policies
 from limberjack.see.video import mosaic
-from limberjack.utils import png
-from limberjack.utils.files import replacing
 
 __all__ = ["FILM", "FOLDER", "PICTURE", "Episode", "episodes", "main"]
 
@@ -46,20 +43,19 @@ class Episode(NamedTuple):
 
 def episodes(folder: Path = FOLDER) -> dict[str, Episode]:
     """The facts of all pictures in a folder, by 'domain-task'; empty if there are none."""
-    return picture_index.read(folder, Episode)
+    return pictures.facts(folder, Episode)
 
 
 def _played(bundled: policies.Bundled, seconds: float) -> tuple[list[np.ndarray], np.ndarray]:
     """Tiles of an episode for the film, and four pictures side by side."""
     domain, task = bundled.domain, bundled.task
     title = tiles.caption(domain, task, f"{_mean(bundled):.0f}")
-    drawn = _drawn_frames(seconds)
-    film, pictures = [], []
+    drawn, film, strip = _drawn_frames(seconds), [], []
     for frame, draw in enumerate(tiles.play(domain, task, "pretrained", _SEED, seconds)):
         film.append(np.concatenate([draw(*tiles.PICTURE), title]))
         if frame in drawn:
-            pictures.append(draw(*PICTURE))
-    return film, mosaic(pictures, _PICTURES)
+            strip.append(draw(*PICTURE))
+    return film, mosaic(strip, _PICTURES)
 
 
 def _drawn_frames(seconds: float) -> list[int]:
@@ -73,33 +69,25 @@ def _mean(bundled: policies.Bundled) -> float:
     return bundled.card.scores.mean
 
 
-def _by_domain(bundled: Sequence[policies.Bundled]) -> Iterator[tuple[str, list[int]]]:
-    """Each domain, with the places of its policies."""
-    for domain in dict.fromkeys(one.domain for one in bundled):
-        yield domain, [i for i, one in enumerate(bundled) if one.domain == domain]
-
-
 def main(
     out: Annotated[Path, typer.Option(metavar="DIR", help="The folder of the pictures.")] = FOLDER,
     seconds: Annotated[float, typer.Option(min=0.4, help="Of each episode.")] = _SECONDS,
 ) -> None:
     """Play the bundled policies and draw them; the film is beside the folder of the pictures."""
     bundled = policies.bundled()
-    out.mkdir(parents=True, exist_ok=True)
-    films, strips, index = [], [], {}
+    films, strips, index = [], {}, {}
     times = [frame / tiles.FRAME_RATE for frame in _drawn_frames(seconds)]
     for one in bundled:
         name = f"{one.domain}-{one.task}"
         film, strip = _played(one, seconds)
         films.append(film)
-        strips.append(strip)
+        strips.setdefault(one.domain, []).append(strip)
         index[name] = Episode(one.sha256, _SEED, times, round(_mean(one), 1))
         typer.echo(name, file=sys.stderr)
-    for domain, places in _by_domain(bundled):
-        with replacing(out / f"{domain}.png") as partial:
-            partial.write_bytes(png.encode(np.concatenate([strips[i] for i in places])))
+    for domain, of_tasks in strips.items():
+        pictures.write(out, domain, np.concatenate(of_tasks))
     tiles.write_film(out.with_suffix(".gif"), films)
-    picture_index.write(out, index)
+    pictures.write_facts(out, index)
 
 
 if __name__ == "__main__":

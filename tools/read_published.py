@@ -29,7 +29,7 @@ import typer
 
 from limberjack import suite
 from limberjack.evaluation import published
-from limberjack.utils.files import replacing
+from limberjack.utils.files import write_whole
 
 __all__ = ["FILE", "READERS", "Row", "computed", "main", "text_of"]
 
@@ -240,8 +240,7 @@ def main(
     before = FILE.read_text(encoding="utf-8")
     after = text_of(computed(json.loads(before), read))
     if not check:
-        with replacing(FILE) as partial:
-            partial.write_text(after, encoding="utf-8")
+        write_whole(FILE, after)
     elif after != before:
         raise typer.Exit(1)
 

@@ -15,18 +15,15 @@ not how well it plays.
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-import picture_index
+import pictures
 import typer
 
 from limberjack import suite
 from limberjack.planner import Planner
 from limberjack.see.video import mosaic
-from limberjack.suite import base
-from limberjack.utils import png
-from limberjack.utils.files import replacing
 
 __all__ = ["FOLDER", "Episode", "draw", "episodes", "main", "play"]
 
@@ -50,7 +47,7 @@ class Episode(NamedTuple):
 
 def episodes(folder: Path = FOLDER) -> dict[str, Episode]:
     """The facts of all pictures in a folder, by 'domain-task'; empty if there are none."""
-    return picture_index.read(folder, Episode)
+    return pictures.facts(folder, Episode)
 
 
 def play(domain: str, task: str, seed: int, steps: int | None = None) -> tuple[np.ndarray, float]:
@@ -86,28 +83,23 @@ def _played(domain: str, task: str, steps: int | None) -> tuple[int, np.ndarray,
 
 def draw(domain: str, task: str, seed: int, actions: np.ndarray) -> tuple[np.ndarray, list[float]]:
     """Pictures of the episode of some actions side by side, and their times in seconds."""
-    pictures_of = getattr(suite.module_of(domain), "PICTURES", {})
-    camera = pictures_of.get(task, base.Picture()).camera
+    camera = pictures.camera_of(domain, task)
     env = suite.load(domain, task, {"random": seed})
     env.reset()
     drawn = np.linspace(0, len(actions), _PICTURES).round().astype(int).tolist()
-    pictures = [env.physics.render(*_SIZE, camera)]
+    strip = [env.physics.render(*_SIZE, camera)]
     for step, action in enumerate(actions, start=1):
         env.step(action)
         if step in drawn:
-            pictures.append(env.physics.render(*_SIZE, camera))
+            strip.append(env.physics.render(*_SIZE, camera))
     seconds = [round(step * env.control_timestep(), 2) for step in drawn]
-    return mosaic(pictures, columns=_PICTURES), seconds
+    return mosaic(strip, columns=_PICTURES), seconds
 
 
 def _planned(domains: Sequence[str]) -> list[tuple[str, str]]:
     """The tasks that the planner plays, of some domains or of all."""
     tasks = [(d, t) for d, t in suite.ALL_TASKS if not domains or d in domains]
-    return [(d, t) for d, t in tasks if _task(d, t).planner_cost is not None]
-
-
-def _task(domain: str, task: str) -> Any:  # Any: the task's class is the domain's own
-    return suite.load(domain, task).task
+    return [(d, t) for d, t in tasks if suite.load(d, t).task.planner_cost is not None]
 
 
 def main(
@@ -116,16 +108,14 @@ def main(
     steps: Annotated[int | None, typer.Option(min=1, help="Control steps at most.")] = None,
 ) -> None:
     """Play the tasks and draw them."""
-    out.mkdir(parents=True, exist_ok=True)
     index = episodes(out)
     for domain, task in _planned(domains or []):
         seed, actions, reward = _played(domain, task, steps)
         picture, seconds = draw(domain, task, seed, actions)
         name = f"{domain}-{task}"
         index[name] = Episode(seed, seconds, round(reward, 2))
-        with replacing(out / f"{name}.png") as partial:
-            partial.write_bytes(png.encode(picture))
-        picture_index.write(out, index)
+        pictures.write(out, name, picture)
+        pictures.write_facts(out, index)
         typer.echo(f"{name}: reward {reward:.2f} after {seconds[-1]:g} s", file=sys.stderr)
 
 

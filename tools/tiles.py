@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+import pictures
 
 from limberjack import policies, suite
 from limberjack.rl import control
 from limberjack.see.video import Writer, mosaic
-from limberjack.suite import base
 
 __all__ = [
     "FRAME_RATE",
@@ -76,13 +76,13 @@ def play(
       seconds: of the episode that are shown.
     """
     environment = suite.load(domain, task, {"random": seed})
-    shown = getattr(suite.module_of(domain), "PICTURES", {}).get(task, base.Picture())
+    camera = pictures.camera_of(domain, task)
     time_step = environment.reset()
     act = policies.find(policy, environment).begin_alone(environment, seed)
     for steps in _steps(environment, seconds):
         for _ in range(steps):
             time_step = environment.step(act(time_step.observation))
-        yield lambda height, width: environment.physics.render(height, width, shown.camera)
+        yield lambda height, width: environment.physics.render(height, width, camera)
     environment.close()
 
 

@@ -1,9 +1,9 @@
 """Planting faults: caught, missed, stale and broken ones."""
 
-import importlib
 from pathlib import Path
 from typing import Any
 
+import plant_faults as tool
 import pytest
 
 from limberjack import __file__ as _package
@@ -20,14 +20,7 @@ _ALWAYS = "def test_nothing_is_true():\n    assert False\n"
 
 
 @pytest.fixture
-def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The script as a module."""
-    monkeypatch.syspath_prepend(_REPOSITORY / "tools")
-    return importlib.import_module("plant_faults")
-
-
-@pytest.fixture
-def copy(tool: Any, tmp_path: Path) -> Any:
+def copy(tmp_path: Path) -> Any:
     """A copy of a small repository with a package of the same name as this one."""
     small = tmp_path / "small"
     for name, text in (
@@ -43,50 +36,48 @@ def copy(tool: Any, tmp_path: Path) -> Any:
     return tool.Copy(tmp_path / "copy", small)
 
 
-def _planted(tool: Any, copy: Any, old: str, new: str) -> tuple[str, str]:
+def _planted(copy: Any, old: str, new: str) -> tuple[str, str]:
     return copy.verdict(tool.Fault("sums/double.py", old, new))
 
 
-def test_a_fault_that_a_test_notices_is_caught_by_name(tool: Any, copy: Any) -> None:
-    kind, why = _planted(tool, copy, "2 * x", "2 + x")
+def test_a_fault_that_a_test_notices_is_caught_by_name(copy: Any) -> None:
+    kind, why = _planted(copy, "2 * x", "2 + x")
     assert (kind, why) == (tool.CAUGHT, "tests/sums/test_double.py::test_three_doubled_is_six")
 
 
-def test_a_fault_that_no_test_notices_is_missed(tool: Any, copy: Any) -> None:
-    assert _planted(tool, copy, "unused = 0", "unused = 1")[0] == tool.MISSED
+def test_a_fault_that_no_test_notices_is_missed(copy: Any) -> None:
+    assert _planted(copy, "unused = 0", "unused = 1")[0] == tool.MISSED
 
 
 @pytest.mark.parametrize(("old", "count"), [("3 * x", 0), ("x", 2)])
-def test_a_text_that_does_not_occur_exactly_once_is_stale(
-    tool: Any, copy: Any, old: str, count: int
-) -> None:
-    kind, why = _planted(tool, copy, old, "y")
+def test_a_text_that_does_not_occur_exactly_once_is_stale(copy: Any, old: str, count: int) -> None:
+    kind, why = _planted(copy, old, "y")
     assert kind == tool.STALE
     assert f"{count} times" in why
 
 
-def test_a_missing_file_is_stale(tool: Any, copy: Any) -> None:
+def test_a_missing_file_is_stale(copy: Any) -> None:
     assert copy.verdict(tool.Fault("sums/treble.py", "x", "y"))[0] == tool.STALE
 
 
-def test_a_fault_with_which_nothing_can_be_imported_is_broken(tool: Any, copy: Any) -> None:
-    assert _planted(tool, copy, "2 * x", "2 *")[0] == tool.BROKEN
+def test_a_fault_with_which_nothing_can_be_imported_is_broken(copy: Any) -> None:
+    assert _planted(copy, "2 * x", "2 *")[0] == tool.BROKEN
 
 
-def test_a_test_that_also_fails_without_the_fault_is_broken(tool: Any, copy: Any) -> None:
+def test_a_test_that_also_fails_without_the_fault_is_broken(copy: Any) -> None:
     (copy.folder / "tests" / "sums" / "test_broken.py").write_text(_ALWAYS, encoding="utf-8")
-    kind, why = _planted(tool, copy, "unused = 0", "unused = 1")
+    kind, why = _planted(copy, "unused = 0", "unused = 1")
     assert kind == tool.BROKEN
     assert "fails without the fault too" in why
 
 
-def test_the_source_is_as_it_was_afterwards(tool: Any, copy: Any) -> None:
-    _planted(tool, copy, "2 * x", "2 + x")
+def test_the_source_is_as_it_was_afterwards(copy: Any) -> None:
+    _planted(copy, "2 * x", "2 + x")
     planted = copy.folder / "src" / "limberjack" / "sums" / "double.py"
     assert planted.read_text(encoding="utf-8") == _SOURCE
 
 
-def test_there_are_faults_in_every_part_and_each_changes_something(tool: Any) -> None:
+def test_there_are_faults_in_every_part_and_each_changes_something() -> None:
     faults = tool.listed([])
     parts = {Path(fault.file).parts[0] for fault in faults}
     assert {"rl", "mujoco", "gym", "utils", "evaluation", "suite"} <= parts
@@ -97,7 +88,7 @@ def test_there_are_faults_in_every_part_and_each_changes_something(tool: Any) ->
     assert tool.listed(["rl/batch.py"]) == [f for f in faults if f.file == "rl/batch.py"]
 
 
-def test_no_fault_is_stale(tool: Any) -> None:
+def test_no_fault_is_stale() -> None:
     sources = {fault.file: Path(_package).parent / fault.file for fault in tool.listed([])}
     for fault in tool.listed([]):
         assert tool.planted(sources[fault.file].read_text(encoding="utf-8"), fault), fault
