@@ -14,6 +14,7 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import domain_facts
 import learned_pictures
@@ -86,6 +87,15 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [[columns[i] for i in kept], ["---"] * len(kept)]
     lines += [[row[i].replace("|", "\\|") for i in kept] for row in rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _records(rows: Sequence[NamedTuple], code: str) -> str:
+    """A table of records with a column for each field, one of which is code; empty without any."""
+    if not rows:
+        return ""
+    names = rows[0]._fields
+    place = names.index(code)
+    return _table(names, [[*row[:place], _code(row[place]), *row[place + 1 :]] for row in rows])
 
 
 def _code(text: str) -> str:
@@ -206,8 +216,7 @@ def _observations(facts: Sequence[Facts]) -> str:
 
 
 def _observations_of(facts: Facts) -> str:
-    rows = [[_code(o.key), o.shape, o.flat, o.unit, o.meaning] for o in facts.observations]
-    table = _table(["key", "shape", "flat", "unit", "meaning"], rows)
+    table = _records(facts.observations, "key")
     if not facts.partly:
         return table
     keys = ", ".join(map(_code, facts.partly))
@@ -219,26 +228,12 @@ def _observations_of(facts: Facts) -> str:
 
 def _actions(facts: Sequence[Facts]) -> str:
     """The actuators, in the order of the action."""
-
-    def table(each: Facts) -> str:
-        rows = [
-            [a.action, _code(a.actuator), a.kind, a.range, a.gear, a.unit, a.joint]
-            for a in each.actions
-        ]
-        columns = ["action", "actuator", "kind", "range", "gear", "unit", "joint"]
-        return _table(columns, rows)
-
-    return _by_task(facts, lambda f: f.actions, table)
+    return _by_task(facts, lambda f: f.actions, lambda f: _records(f.actions, "actuator"))
 
 
 def _joints(facts: Sequence[Facts]) -> str:
     """The joints, and where each stands in the generalised positions and velocities."""
-
-    def table(each: Facts) -> str:
-        rows = [[_code(j.joint), j.kind, j.range, j.qpos, j.qvel] for j in each.joints]
-        return _table(["joint", "kind", "range", "qpos", "qvel"], rows)
-
-    return _by_task(facts, lambda f: f.joints, table)
+    return _by_task(facts, lambda f: f.joints, lambda f: _records(f.joints, "joint"))
 
 
 def _reward(facts: Sequence[Facts]) -> str:
