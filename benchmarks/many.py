@@ -11,7 +11,6 @@ import importlib
 import os
 import statistics
 import time
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import footprint
@@ -19,9 +18,9 @@ import fresh
 import numpy as np
 import typer
 from report import Json, Quick, Row, at_least, at_most, figure, finish, spread
+from sides import Step, take_turns
 
-from limberjack import bench, gym
-from limberjack.rl.action_specs import bounds_to_try
+from limberjack import gym
 
 __all__ = ["Effort", "made", "main"]
 
@@ -99,28 +98,9 @@ def _speed(effort: Effort) -> Row:
     many: Any = gym.load_vector(effort.tasks, rows=effort.rows, num_threads=effort.threads)
     many.reset(seed=_SEED)
     separate = _Separate(many, effort)
-    spec, random = many.batches[0].single_action_spec(), np.random.RandomState(_SEED)
-    low, high = bounds_to_try(spec)
-    last: dict[str, np.ndarray] = {}
-
-    def actions(steps: int) -> np.ndarray:
-        drawn = random.uniform(low, high, (steps, *many.action_space.shape))
-        return drawn.astype(np.float32).astype(float)  # rounded to the type of Gymnasium's actions
-
-    def noted(name: str, step: Callable[[np.ndarray], np.ndarray]) -> Callable[..., None]:
-        def play(given: np.ndarray) -> None:
-            last[name] = step(given)
-
-        return play
-
-    sides = {
-        "many": noted("many", lambda given: many.step(given)[1]),
-        "separate": noted("separate", separate.step),
-    }
-    players = {name: bench.player(step) for name, step in sides.items()}
-    taken = bench.take_turns(players, actions, effort.seconds, effort.rounds)
-    if not np.array_equal(last["many"], last["separate"]):
-        raise SystemExit("the rewards of both sides differ")
+    sides: dict[str, Step] = {"many": lambda given: many.step(given)[1], "separate": separate.step}
+    spec = many.batches[0].action_spec()
+    taken = take_turns(sides, spec, effort.seconds, effort.rounds)
     ratios = [b / a for a, b in zip(taken["many"], taken["separate"], strict=True)]
     ours, theirs = (statistics.median(taken[name]) for name in ("many", "separate"))
     return Row(

@@ -8,16 +8,15 @@ a bar is missed. Run it on idle cores: processes share a busy machine differentl
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated
 
-import numpy as np
 import typer
 from gymnasium.vector import AsyncVectorEnv
 from report import Bar, Json, Quick, Row, at_most, compared, finish
+from sides import Step, take_turns
 
-from limberjack import bench, gym, suite
-from limberjack.rl.action_specs import bounds_to_try
+from limberjack import gym, suite
 from limberjack.rl.rows import RowsEnvironment
 
 __all__ = ["Effort", "main"]
@@ -51,49 +50,11 @@ _FULL = Effort(rows=64, threads=2, seconds=30.0, rounds=20)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(rows=4, threads=2, seconds=0.1, rounds=2)
 
-# Takes the actions of all rows; returns their rewards.
-_Step = Callable[[np.ndarray], np.ndarray]
-
-
-class _Last:
-    """Steps one side, and keeps its last rewards."""
-
-    def __init__(self, step: _Step) -> None:
-        self._step = step
-        self.rewards = np.empty(0)
-
-    def __call__(self, actions: np.ndarray) -> None:
-        self.rewards = self._step(actions)
-
-
-def _taken(
-    batch: RowsEnvironment, sides: Mapping[str, _Step], effort: Effort
-) -> dict[str, list[float]]:
-    """Seconds per step of each side in each round; all take the same actions."""
-    spec, random = batch.action_spec(), np.random.RandomState(_SEED)
-    low, high = bounds_to_try(spec)
-
-    def actions(steps: int) -> np.ndarray:
-        drawn = random.uniform(low, high, (steps, *spec.shape))
-        return drawn.astype(np.float32).astype(float)  # rounded to the type of Gymnasium's actions
-
-    last = {name: _Last(step) for name, step in sides.items()}
-    taken = bench.take_turns(
-        {name: bench.player(step) for name, step in last.items()},
-        actions,
-        effort.seconds,
-        effort.rounds,
-    )
-    for name, one in last.items():
-        if not np.array_equal(one.rewards, last[_ROWS].rewards):
-            raise SystemExit(f"{batch.name}: the rewards of {name} and of rows differ")
-    return taken
-
 
 def _row(
-    measure: str, batch: RowsEnvironment, sides: Mapping[str, _Step], bar: Bar, effort: Effort
+    measure: str, batch: RowsEnvironment, sides: Mapping[str, Step], bar: Bar, effort: Effort
 ) -> Row:
-    taken = _taken(batch, sides, effort)
+    taken = take_turns(sides, batch.action_spec(), effort.seconds, effort.rounds)
     ours, theirs = ([1e6 * seconds for seconds in taken[name]] for name in (_ROWS, _THEIRS))
     return compared(measure, f"{batch.name}, N={batch.num_envs}", ours, theirs, "us", bar)
 
@@ -109,7 +70,7 @@ def _beside_vectorised(domain: str, task: str, bar: Bar, effort: Effort) -> Row:
     rows = _begun(domain, task, *size)
     vectorised = suite.load_batch(domain, task, *size, _SEED, vectorised=True)
     vectorised.reset()
-    sides: dict[str, _Step] = {
+    sides: dict[str, Step] = {
         _ROWS: lambda actions: rows.step(actions).reward,
         _THEIRS: lambda actions: vectorised.step(actions).reward,
     }
@@ -125,7 +86,7 @@ def _beside_processes(domain: str, task: str, effort: Effort) -> Row:
     processes = AsyncVectorEnv([make] * _NUM_PROCESSES)
     processes.reset(seed=_SEED)
     rows = _begun(domain, task, _NUM_PROCESSES, effort.threads)
-    sides: dict[str, _Step] = {
+    sides: dict[str, Step] = {
         _ROWS: lambda actions: rows.step(actions).reward,
         _THEIRS: lambda actions: processes.step(actions)[1],
     }
