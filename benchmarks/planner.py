@@ -11,8 +11,9 @@ import dataclasses
 import statistics
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
+from unittest import mock
 
 import mujoco
 import mujoco.batch
@@ -57,14 +58,11 @@ class _Stopwatch:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Context in which each MuJoCo call is timed."""
-        originals = [(place, name, getattr(place, name)) for place, name in _CALLS]
-        for place, name, original in originals:
-            setattr(place, name, self._timed(original))
-        try:
+        with ExitStack() as patches:
+            for place, name in _CALLS:
+                timed = self._timed(getattr(place, name))
+                patches.enter_context(mock.patch.object(place, name, timed))
             yield
-        finally:
-            for place, name, original in originals:
-                setattr(place, name, original)
 
     def _timed(self, original: Any) -> Any:
         def call(*args: Any, **kwargs: Any) -> Any:

@@ -61,16 +61,9 @@ def _planned(effort: Effort, workers: int) -> _Scores:
 
 
 def _evaluated(effort: Effort, workers: int | None) -> _Scores:
-    seeds, cores = range(effort.episodes), usable_cores()
-    threads = cores if workers is None else None
-    found = evaluate(
-        *_TASK,
-        "random",
-        seeds,
-        time_limit=effort.time_limit,
-        num_threads=threads,
-        workers=workers,
-    )
+    threads = usable_cores() if workers is None else None
+    how = {"time_limit": effort.time_limit, "num_threads": threads, "workers": workers}
+    found = evaluate(*_TASK, "random", range(effort.episodes), **how)
     return {score.seed: score.total for score in found.scores["random"]}
 
 
@@ -107,27 +100,16 @@ def _measure(section: Section, effort: Effort) -> list[Row]:
     cores = usable_cores()
     match section:
         case Section.PLANNER:
-            return [
-                _compared(
-                    f"planner, {cores} workers / 1 worker",
-                    effort,
-                    0.85 if cores >= _MANY_CORES else 1.0,
-                    lambda: _planned(effort, cores),
-                    lambda: _planned(effort, 1),
-                )
-            ]
+            measure, limit = f"planner, {cores} workers / 1 worker", 1.0
+            if cores >= _MANY_CORES:
+                limit = 0.85
+            sides = (lambda: _planned(effort, cores)), (lambda: _planned(effort, 1))
         case Section.RANDOM:
-            return [
-                _compared(
-                    f"random, {cores} workers / one process",
-                    effort,
-                    1.15,
-                    lambda: _evaluated(effort, cores),
-                    lambda: _evaluated(effort, None),
-                )
-            ]
+            measure, limit = f"random, {cores} workers / one process", 1.15
+            sides = (lambda: _evaluated(effort, cores)), (lambda: _evaluated(effort, None))
         case Section.RAY:
             return _measure_ray(effort, cores)
+    return [_compared(measure, effort, limit, *sides)]
 
 
 def _measure_ray(effort: Effort, cores: int) -> list[Row]:
@@ -139,15 +121,8 @@ def _measure_ray(effort: Effort, cores: int) -> list[Row]:
     with open_workers(cores, ray="local") as ray, open_workers(cores) as workers:
         for opened in (ray, workers):
             _played(first, opened)
-        return [
-            _compared(
-                f"random, Ray / {cores} workers",
-                effort,
-                1.15,
-                lambda: _played(effort, ray),
-                lambda: _played(effort, workers),
-            )
-        ]
+        sides = (lambda: _played(effort, ray)), (lambda: _played(effort, workers))
+        return [_compared(f"random, Ray / {cores} workers", effort, 1.15, *sides)]
 
 
 def main(
