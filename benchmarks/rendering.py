@@ -77,8 +77,8 @@ def main(
     rows = []
     for task in _TASKS[: effort.tasks]:
         typer.echo(f"measuring: {':'.join(task)}", err=True)
-        rows += _of_singles(task, effort) + _of_batches(task, effort) + _of_loops(task, effort)
-    rows.sort(key=lambda row: [name for name, _ in _MEASURES].index(row.measure))
+        rows += _of_singles(task, effort) + _of_batches(task, effort)
+    rows.sort(key=lambda row: [*_MEASURES].index(row.measure))
     renderer = _renderer()
     typer.echo(f"drawn by {renderer}")
     settings = {"renderer": renderer, **dataclasses.asdict(effort)}
@@ -86,80 +86,34 @@ def main(
 
 
 # The table's parts, in order, and the two quantities of each ratio.
-_MEASURES = (
-    ("render / mujoco.Renderer", (_OURS, _BARE)),
-    ("render / dm_control", (_OURS, peers.THEIRS)),
-    ("fast / full", (_QUICKER, _OURS)),
-    ("depth / colours", (_DEPTH, _OURS)),
-    ("batch / mujoco.Renderer", (_OURS, _BARE)),
-    ("batch / loop", (_OURS, _LOOP)),
-)
+_MEASURES = {
+    "render / mujoco.Renderer": (_OURS, _BARE),
+    "render / dm_control": (_OURS, peers.THEIRS),
+    "fast / full": (_QUICKER, _OURS),
+    "depth / colours": (_DEPTH, _OURS),
+    "batch / mujoco.Renderer": (_OURS, _BARE),
+    "batch / loop": (_OURS, _LOOP),
+}
 
 
-def _of_singles(task: tuple[str, str], effort: Effort) -> list[Row]:
-    """The rows of one task's single environments, at each size."""
-    rows = []
-    for size in _SIZES:
-        rounds = effort.rounds if size == _SMALL else effort.large_rounds
-        taken = _Single(task, size).play(rounds, effort.frames)
-        bars: tuple[Bar | None, ...]
-        is_software = any(name in _renderer() for name in _SOFTWARE)
-        bars = _OF_BARE, _OF_THEIRS[size], _FAST if is_software and size == _SMALL else None, None
-        for (measure, (upper, lower)), bar in zip(_MEASURES, bars, strict=False):
-            subject = f"{':'.join(task)} {size[0]}x{size[1]}"
-            rows.append(_row(measure, subject, taken, (upper, lower), bar))
-    return rows
-
-
-def _of_batches(task: tuple[str, str], effort: Effort) -> list[Row]:
-    """The row of one task's batch, at the small size."""
-    measure, (upper, lower) = _MEASURES[-2]
-    rounds = max(1, effort.rounds // effort.rows * 4)
-    taken = _Batch(task, _SMALL, effort.rows).play(rounds, 1)
-    subject = f"{':'.join(task)} {effort.rows} x {_SMALL[0]}x{_SMALL[1]}"
-    per_frame = {name: [s / effort.rows for s in seconds] for name, seconds in taken.items()}
-    return [_row(measure, subject, per_frame, (upper, lower), _OF_BARE_ROWS)]
-
-
-def _of_loops(task: tuple[str, str], effort: Effort) -> list[Row]:
-    """The rows of one task's batch beside as many single environments, in each quality."""
-    measure, (upper, lower) = _MEASURES[-1]
-    count, is_software = effort.many_rows, any(name in _renderer() for name in _SOFTWARE)
-    rows = []
-    for quality in _QUALITIES:
-        taken = _Loop(task, _SMALL, count, quality).play(max(1, effort.rounds // 5), 1)
-        subject = f"{':'.join(task)} {count} x {_SMALL[0]}x{_SMALL[1]} {quality}"
-        per_frame = {name: [s / count for s in seconds] for name, seconds in taken.items()}
-        given = per_frame, (upper, lower), _OF_LOOP if is_software else None
-        rows.append(_row(measure, subject, *given))
-    return rows
-
-
-def _row(
-    measure: str,
-    subject: str,
-    taken: Mapping[str, list[float]],
-    names: tuple[str, str],
-    bar: Bar | None,
-) -> Row:
-    """The speedup of the first of two players over the second, from their times."""
-    first, second = (rates(taken.get(name, [])) for name in names)
-    return compared(measure, subject, first, second, "/s", bar)
-
-
+@dataclasses.dataclass(frozen=True)
 class _Contest:
-    """Players that render the same states in turns."""
+    """Players that render the same states in turns.
+
+    Attributes:
+      players: by name; each call draws `pictures`.
+      advance: advances all of them to the next state.
+      alike: players whose pictures must be equal.
+      pictures: number of pictures that a player draws at once.
+    """
 
     players: dict[str, _Player]
-    # Players whose pictures must be equal.
+    advance: Callable[[], object]
     alike: tuple[str, ...]
+    pictures: int = 1
 
-    def advance(self) -> None:
-        """Advances all players to the next state."""
-        raise NotImplementedError
-
-    def play(self, rounds: int, frames: int) -> dict[str, list[float]]:
-        """Seconds per frame of each player in each round, of the same state."""
+    def play(self, rounds: int, frames: int = 1) -> dict[str, list[float]]:
+        """Seconds per picture of each player in each round, of the same state."""
         order = list(self.players)
         taken: dict[str, list[float]] = {name: [] for name in order}
         for number in range(rounds + 1):
@@ -171,108 +125,128 @@ class _Contest:
                 start = time.perf_counter()
                 for _ in range(frames):
                     self.players[name]()
-                taken[name].append((time.perf_counter() - start) / frames)
+                taken[name].append((time.perf_counter() - start) / frames / self.pictures)
             order.append(order.pop(0))
         return taken
 
     def _check(self, pictures: Mapping[str, np.ndarray]) -> None:
         alike = [pictures[name] for name in self.alike if name in pictures]
         if not all(np.array_equal(alike[0], picture) for picture in alike):
-            raise RuntimeError(f"{type(self).__name__}: the pictures are not equal")
+            raise RuntimeError(f"the pictures of {' and '.join(self.alike)} are not equal")
 
 
-class _Single(_Contest):
+def _of_singles(task: tuple[str, str], effort: Effort) -> list[Row]:
+    """The rows of one task's single environments, at each size."""
+    rows = []
+    for size in _SIZES:
+        rounds = effort.rounds if size == _SMALL else effort.large_rounds
+        taken = _single(task, size).play(rounds, effort.frames)
+        fast = _FAST if _is_drawn_by_software() and size == _SMALL else None
+        subject = f"{':'.join(task)} {size[0]}x{size[1]}"
+        bars = _OF_BARE, _OF_THEIRS[size], fast, None
+        rows += [
+            _row(measure, subject, taken, bar)
+            for measure, bar in zip(_MEASURES, bars, strict=False)
+        ]
+    return rows
+
+
+def _of_batches(task: tuple[str, str], effort: Effort) -> list[Row]:
+    """The rows of one task's batches, at the small size."""
+    title, size = ":".join(task), f"{_SMALL[0]}x{_SMALL[1]}"
+    taken = _batch(task, effort.rows).play(max(1, effort.rounds // effort.rows * 4))
+    subject = f"{title} {effort.rows} x {size}"
+    rows = [_row("batch / mujoco.Renderer", subject, taken, _OF_BARE_ROWS)]
+    bar = _OF_LOOP if _is_drawn_by_software() else None
+    for quality in _QUALITIES:
+        taken = _loop(task, effort.many_rows, quality).play(max(1, effort.rounds // 5))
+        subject = f"{title} {effort.many_rows} x {size} {quality}"
+        rows.append(_row("batch / loop", subject, taken, bar))
+    return rows
+
+
+def _row(measure: str, subject: str, taken: Mapping[str, list[float]], bar: Bar | None) -> Row:
+    """The speedup of the first of the two players of a measure over the second."""
+    first, second = (rates(taken.get(name, [])) for name in _MEASURES[measure])
+    return compared(measure, subject, first, second, "/s", bar)
+
+
+def _single(task: tuple[str, str], size: tuple[int, int]) -> _Contest:
     """One environment, rendered by Limberjack, a bare `mujoco.Renderer` and dm_control."""
+    environments = {
+        package: peers.suite(package, draws=True).load(*task, {"random": _SEED})
+        for package in peers.installed()
+    }
+    for environment in environments.values():
+        environment.reset()
+    ours, random = environments[peers.OURS], np.random.RandomState(_SEED)
+    spec, physics = ours.action_spec(), ours.physics
 
-    alike = (_OURS, _BARE, peers.THEIRS)
-
-    def __init__(self, task: tuple[str, str], size: tuple[int, int]) -> None:
-        self._environments = {
-            package: peers.suite(package, draws=True).load(*task, {"random": _SEED})
-            for package in peers.installed()
-        }
-        for environment in self._environments.values():
-            environment.reset()
-        ours = self._environments[peers.OURS]
-        self._random = np.random.RandomState(_SEED)
-        self._spec = ours.action_spec()
-        model, self._data = ours.physics.model._official, ours.physics.data._data
-        self.players = {
-            _OURS: _drawing(ours, *size),
-            _BARE: _bare(model, self._data, *size),
-            _QUICKER: _drawing(ours, *size, quality="fast"),
-            _DEPTH: _drawing(ours, *size, depth=True),
-        }
-        if peers.THEIRS in self._environments:
-            self.players[peers.THEIRS] = _drawing(self._environments[peers.THEIRS], *size)
-
-    def advance(self) -> None:
-        action = self._random.uniform(self._spec.minimum, self._spec.maximum)
-        for environment in self._environments.values():
+    def advance() -> None:
+        action = random.uniform(spec.minimum, spec.maximum)
+        for environment in environments.values():
             environment.step(action)
 
+    players = {
+        _OURS: _drawing(ours, *size),
+        _BARE: _bare(physics.model._official, physics.data._data, *size),
+        _QUICKER: _drawing(ours, *size, quality="fast"),
+        _DEPTH: _drawing(ours, *size, depth=True),
+    }
+    if peers.THEIRS in environments:
+        players[peers.THEIRS] = _drawing(environments[peers.THEIRS], *size)
+    return _Contest(players, advance, (_OURS, _BARE, peers.THEIRS))
 
-class _Batch(_Contest):
+
+def _rows_of(task: tuple[str, str], rows: int, **how: str) -> tuple[Any, _Player, _Player]:
+    """A batch, what draws its rows, and what steps it with random actions, which it returns."""
+    batch = peers.suite(peers.OURS, draws=True).load_batch(*task, num_envs=rows, seed=_SEED)
+    batch.reset()
+    random, (height, width) = np.random.RandomState(_SEED), _SMALL
+
+    def step() -> np.ndarray:
+        actions = random.uniform(-1, 1, batch.action_spec().shape)
+        batch.step(actions)
+        return actions
+
+    return batch, lambda: batch.render(height=height, width=width, camera_id=0, **how), step
+
+
+def _batch(task: tuple[str, str], rows: int) -> _Contest:
     """A batch's rows, rendered by `BatchEnvironment` and by a bare `mujoco.Renderer`."""
+    batch, ours, step = _rows_of(task, rows)
+    simulation = batch.physics.simulation
+    model, official = simulation.model._official, simulation._official
+    data = mujoco.MjData(model)
+    draw = _bare(model, data, *_SMALL)
 
-    # A bare renderer ignores per-row model fields, so it draws other targets.
-    alike = ()
+    def draw_rows() -> np.ndarray:
+        pictures = []
+        for row in range(rows):
+            official.get_data(row, data)
+            pictures.append(draw())
+        return np.stack(pictures)
 
-    def __init__(self, task: tuple[str, str], size: tuple[int, int], rows: int) -> None:
-        self._batch = peers.suite(peers.OURS).load_batch(*task, num_envs=rows, seed=_SEED)
-        self._batch.reset()
-        self._random = np.random.RandomState(_SEED)
-        physics: Any = self._batch.physics
-        model, official = physics.simulation.model._official, physics.simulation._official
-        data = mujoco.MjData(model)
-        draw = _bare(model, data, *size)
-
-        def draw_rows() -> np.ndarray:
-            pictures = []
-            for row in range(rows):
-                official.get_data(row, data)
-                pictures.append(draw())
-            return np.stack(pictures)
-
-        height, width = size
-        self.players = {
-            _OURS: lambda: self._batch.render(height=height, width=width, camera_id=0),
-            _BARE: draw_rows,
-        }
-        if task[0] == "humanoid":
-            self.alike = (_OURS, _BARE)
-
-    def advance(self) -> None:
-        self._batch.step(self._random.uniform(-1, 1, self._batch.action_spec().shape))
+    # A bare renderer ignores per-row model fields, so it draws other targets than the arm's.
+    alike = (_OURS, _BARE) if task[0] == "humanoid" else ()
+    return _Contest({_OURS: ours, _BARE: draw_rows}, step, alike, rows)
 
 
-class _Loop(_Contest):
+def _loop(task: tuple[str, str], rows: int, quality: str) -> _Contest:
     """A batch's rows, rendered by `BatchEnvironment`, and single environments in turn."""
+    _, ours, step = _rows_of(task, rows, quality=quality)
+    load = peers.suite(peers.OURS, draws=True).load
+    singles = [load(*task, {"random": _SEED + row}) for row in range(rows)]
+    for single in singles:
+        single.reset()
+    drawn = [_drawing(single, *_SMALL, quality=quality) for single in singles]
 
-    alike = (_OURS, _LOOP)
-
-    def __init__(
-        self, task: tuple[str, str], size: tuple[int, int], rows: int, quality: str
-    ) -> None:
-        suite = peers.suite(peers.OURS, draws=True)
-        self._batch = suite.load_batch(*task, num_envs=rows, seed=_SEED)
-        self._singles = [suite.load(*task, {"random": _SEED + row}) for row in range(rows)]
-        for each in (self._batch, *self._singles):
-            each.reset()
-        self._random = np.random.RandomState(_SEED)
-        height, width = size
-        how: dict[str, Any] = {"camera_id": 0, "quality": quality}
-        drawn = [_drawing(single, height, width, quality=quality) for single in self._singles]
-        self.players = {
-            _OURS: lambda: self._batch.render(height=height, width=width, **how),
-            _LOOP: lambda: np.stack([draw() for draw in drawn]),
-        }
-
-    def advance(self) -> None:
-        actions = self._random.uniform(-1, 1, self._batch.action_spec().shape)
-        self._batch.step(actions)
-        for single, action in zip(self._singles, actions, strict=True):
+    def advance() -> None:
+        for single, action in zip(singles, step(), strict=True):
             single.step(action)
+
+    players = {_OURS: ours, _LOOP: lambda: np.stack([draw() for draw in drawn])}
+    return _Contest(players, advance, (_OURS, _LOOP), rows)
 
 
 def _drawing(environment: Any, height: int, width: int, **how: Any) -> _Player:
@@ -289,6 +263,10 @@ def _bare(model: Any, data: Any, height: int, width: int) -> _Player:
         return renderer.render()
 
     return draw
+
+
+def _is_drawn_by_software() -> bool:
+    return any(name in _renderer() for name in _SOFTWARE)
 
 
 def _renderer() -> str:
