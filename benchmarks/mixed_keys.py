@@ -7,16 +7,14 @@ Limberjack and dm_control, which alternate in blocks of steps.
 
 import collections
 import importlib
-import time
 from typing import Any
 
-import numpy as np
 import peers
-from report import Row, at_least, compared, rates
+import stepping
+from report import Row, at_least
 
 __all__ = ["measure"]
 
-_STEPS_PER_BLOCK = 50
 _FASTER = at_least(1.15)  # steps per second over dm_control's
 
 _CHAIN = """
@@ -90,37 +88,13 @@ def measure(num_episodes: int, num_steps: int) -> list[Row]:
       num_episodes: episodes of each task.
       num_steps: steps of each episode.
     """
-    packages = peers.installed()
-    environments = {package: _tasks(package) for package in packages}
-    random = np.random.RandomState(0)
+    environments = {package: _tasks(package) for package in peers.installed()}
     rows = []
     for name in environments[peers.OURS]:
-        seconds: dict[str, list[float]] = {package: [] for package in packages}
-        order = list(packages)
+        contest = stepping.Contest(
+            name, {package: of[name] for package, of in environments.items()}
+        )
         for _ in range(num_episodes):
-            for package in packages:
-                environments[package][name].reset()
-            for _ in range(max(1, num_steps // _STEPS_PER_BLOCK)):
-                actions = list(random.uniform(-1, 1, (_STEPS_PER_BLOCK, 2)))
-                for package in order:
-                    seconds[package].append(_seconds(environments[package][name], actions))
-                order.append(order.pop(0))
-            _check_same(name, [environments[package][name] for package in packages])
-        ours, theirs = (rates(seconds.get(one, [])) for one in (peers.OURS, peers.THEIRS))
-        measure = "steps per second, mixed keys"
-        rows.append(compared(measure, name, ours, theirs, "/s", _FASTER))
+            contest.play(num_steps)
+        rows.append(contest.speed_row("steps per second, mixed keys", _FASTER))
     return rows
-
-
-def _seconds(environment: Any, actions: list[np.ndarray]) -> float:
-    """Seconds per step."""
-    start = time.perf_counter()
-    for action in actions:
-        environment.step(action)
-    return (time.perf_counter() - start) / len(actions)
-
-
-def _check_same(name: str, environments: list[Any]) -> None:
-    states = [environment.physics.get_state() for environment in environments]
-    if any(not np.array_equal(state, states[0]) for state in states):
-        raise RuntimeError(f"{name}: the packages did not do the same steps")

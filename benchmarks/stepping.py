@@ -8,17 +8,17 @@ fraction of a second; at the end of each episode the three must be in the same s
 import copy
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 import peers
-from report import Row, at_least, at_most, compared, mean_of, rates
+from report import Bar, Row, at_least, at_most, compared, mean_of, rates
 
 from limberjack.rl.action_specs import bounds_to_try
 
-__all__ = ["measure"]
+__all__ = ["Contest", "measure"]
 
 _STEPS_PER_BLOCK = 25
 _SEED = 0
@@ -38,24 +38,30 @@ def measure(tasks: Sequence[tuple[str, str]], num_episodes: int, num_steps: int)
       num_episodes: episodes of each task.
       num_steps: steps of each episode, at most its full length.
     """
-    contests = [_Contest(*task) for task in tasks]
+    contests = [
+        Contest(
+            f"{domain}:{task}",
+            {
+                package: peers.suite(package).load(domain, task, {"random": _SEED})
+                for package in peers.installed()
+            },
+        )
+        for domain, task in tasks
+    ]
     for _ in range(num_episodes):
         for contest in contests:
             contest.play(num_steps)
-    speeds = [contest.speed_row() for contest in contests]
+    speeds = [contest.speed_row("steps per second", _FASTER) for contest in contests]
     average = mean_of(speeds, "geometric mean", _FASTER_ON_AVERAGE)
     return [*speeds, average, *(contest.overhead_row() for contest in contests)]
 
 
-class _Contest:
+class Contest:
     """One task, run by the installed packages and by MuJoCo alone."""
 
-    def __init__(self, domain: str, task: str) -> None:
-        self._subject = f"{domain}:{task}"
-        self._environments = {
-            package: peers.suite(package).load(domain, task, {"random": _SEED})
-            for package in peers.installed()
-        }
+    def __init__(self, subject: str, environments: Mapping[str, Any]) -> None:
+        """Takes the task's name, and an environment of each package."""
+        self._subject, self._environments = subject, environments
         self._model: Any = None
         self._data: Any = None
         environment = self._environments[peers.OURS]
@@ -109,10 +115,10 @@ class _Contest:
             seconds += time.perf_counter() - start
         return seconds
 
-    def speed_row(self) -> Row:
-        """Steps per second."""
+    def speed_row(self, measure: str, bar: Bar) -> Row:
+        """Steps per second, beside dm_control's."""
         ours, theirs = (rates(self._seconds.get(n, [])) for n in (peers.OURS, peers.THEIRS))
-        return compared("steps per second", self._subject, ours, theirs, "/s", _FASTER)
+        return compared(measure, self._subject, ours, theirs, "/s", bar)
 
     def overhead_row(self) -> Row:
         """Overhead of a step over MuJoCo's calls."""
