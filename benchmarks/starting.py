@@ -1,12 +1,12 @@
 """The cost of importing the suite, of loading a task and of starting an episode."""
 
-import contextlib
+import dataclasses
 import gc
 import importlib
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import fresh
@@ -37,44 +37,40 @@ def measure_imports(num_processes: int) -> list[Row]:
     Args:
       num_processes: number of processes for each package and import, in turns.
     """
-    packages = peers.installed()
-    # By function of `imports` and package; only the suite of dm_control is imported.
-    calls = [("seconds_to_import", package) for package in packages]
-    calls.append(("seconds_to_import_alone", peers.OURS))
-    times: dict[tuple[str, str], list[dict[str, float]]] = {call: [] for call in calls}
-    with _as_installed() as variables:
-        for number in range(1 + num_processes):
-            for function, package in calls:
-                seconds = fresh.call("imports", function, package, variables=variables)
-                if number:  # the first one compiled bytecode
-                    milliseconds = {name: 1e3 * s for name, s in seconds.items()}
-                    times[function, package].append(milliseconds)
-    suites = {package: times["seconds_to_import", package] for package in packages}
-    alone = {peers.OURS: times["seconds_to_import_alone", peers.OURS]}
+    calls = [("imports", "seconds_to_import", package) for package in peers.installed()]
+    only_ours = ("imports", "seconds_to_import_alone", peers.OURS)
+    found = _in_fresh_processes([*calls, only_ours], num_processes)
+    suites = {call[-1]: found[call] for call in calls}
     return [
         _import_row("import limberjack.suite", suites, _ADDED_BY_SUITE),
-        _import_row("import limberjack", alone, _ADDED_BY_PACKAGE),
+        _import_row("import limberjack", {peers.OURS: found[only_ours]}, _ADDED_BY_PACKAGE),
         _opengl_row(),
     ]
 
 
-@contextlib.contextmanager
-def _as_installed() -> Iterator[dict[str, str | None]]:
-    """Environment variables for processes with a bytecode cache, as for an installed package.
+def _in_fresh_processes(
+    calls: Sequence[tuple[str, ...]], count: int
+) -> dict[tuple[str, ...], list[Any]]:
+    """Results of calls of `fresh`, each in so many processes, in turns.
 
-    The cache is outside the source tree, which is not changed.
+    They have a bytecode cache, as for an installed package, outside the source tree, which is not
+    changed.
     """
+    results: dict[tuple[str, ...], list[Any]] = {call: [] for call in calls}
     with tempfile.TemporaryDirectory() as cache:
-        yield {
-            **peers.WITHOUT_OPENGL,
-            "PYTHONDONTWRITEBYTECODE": None,
-            "PYTHONPYCACHEPREFIX": cache,
-        }
+        variables = {"PYTHONDONTWRITEBYTECODE": None, "PYTHONPYCACHEPREFIX": cache}
+        for number in range(1 + count):
+            for call in calls:
+                found = fresh.call(*call, variables={**peers.WITHOUT_OPENGL, **variables})
+                if number:  # the first one compiled bytecode
+                    results[call].append(found)
+    return results
 
 
 def _import_row(subject: str, times: dict[str, list[dict[str, float]]], bar: Bar) -> Row:
-    """The time that an import adds, by package."""
-    added = {name: spread([t["added"] for t in values]) for name, values in times.items()}
+    """The time that an import adds, by package, of its seconds in fresh processes."""
+    added = {name: spread([1e3 * t["added"] for t in values]) for name, values in times.items()}
+    base = spread([1e3 * t["base"] for t in times[peers.OURS]])
     ours = added[peers.OURS]["median"]
     return Row(
         measure="import adds",
@@ -85,7 +81,7 @@ def _import_row(subject: str, times: dict[str, list[dict[str, float]]], bar: Bar
         value=ours,
         value_unit="ms",
         bar=bar,
-        details={"base_ms": spread([t["base"] for t in times[peers.OURS]]), "added_ms": added},
+        details={"base_ms": base, "added_ms": added},
     )
 
 
@@ -123,24 +119,10 @@ def _load_rows(domain: str, task: str, num_loads: int) -> list[Row]:
     for _ in range(num_loads):
         for name, seconds in _one_load(domain, task).items():
             times[name].append(1e3 * seconds)
-    ratios = [a / b for a, b in zip(times["load"], times["compile"], strict=True)]
-    theirs = times.get(peers.THEIRS)
-    first = Row(
-        measure="load / compile",
-        subject=f"{domain}:{task}",
-        ours=statistics.median(times["load"]),
-        theirs=statistics.median(theirs) if theirs else None,
-        unit="ms",
-        value=statistics.median(ratios),
-        bar=_LOAD,
-        details={
-            "ratio": spread(ratios),
-            "compile_ms": spread(times["compile"]),
-            "first_reset_ms": spread(times["reset"]),
-        },
-    )
+    subject, reset = f"{domain}:{task}", {"first_reset_ms": spread(times["reset"])}
+    first = _load_row("load / compile", subject, times["load"], times, reset)
     median, details = statistics.median(times["again"]), {"again_ms": spread(times["again"])}
-    again = figure("second load", f"{domain}:{task}", median, "ms", _SECOND_LOAD, details)
+    again = figure("second load", subject, median, "ms", _SECOND_LOAD, details)
     return [first, again]
 
 
@@ -167,26 +149,25 @@ def _one_load(domain: str, task: str) -> dict[str, float]:
 def _first_load_row(domain: str, task: str, num_processes: int) -> Row:
     """The first load of a process."""
     names = ["compile", *peers.installed()]
-    times: dict[str, list[float]] = {name: [] for name in names}
-    with _as_installed() as variables:
-        for number in range(1 + num_processes):
-            for name in names:
-                call = "starting", "seconds_of_first", name, domain, task
-                seconds = fresh.call(*call, variables=variables)
-                if number:  # the first one compiled bytecode
-                    times[name].append(1e3 * seconds)
-    ratios = [a / b for a, b in zip(times[peers.OURS], times["compile"], strict=True)]
+    calls = {name: ("starting", "seconds_of_first", name, domain, task) for name in names}
+    found = _in_fresh_processes(list(calls.values()), num_processes)
+    times = {name: [1e3 * seconds for seconds in found[call]] for name, call in calls.items()}
+    return _load_row("first load / compile", f"{domain}:{task}", times[peers.OURS], times, {})
+
+
+def _load_row(
+    measure: str,
+    subject: str,
+    ours: Sequence[float],
+    times: Mapping[str, Sequence[float]],
+    details: Mapping[str, Any],
+) -> Row:
+    """Loads beside those of dm_control, and their ratio to the model's compilation."""
+    row = compared(measure, subject, ours, times["compile"], "ms", _LOAD, details)
     theirs = times.get(peers.THEIRS)
-    return Row(
-        measure="first load / compile",
-        subject=f"{domain}:{task}",
-        ours=statistics.median(times[peers.OURS]),
-        theirs=statistics.median(theirs) if theirs else None,
-        unit="ms",
-        value=statistics.median(ratios),
-        bar=_LOAD,
-        details={"ratio": spread(ratios), "compile_ms": spread(times["compile"])},
-    )
+    details = {**row.details, "compile_ms": spread(times["compile"])}
+    median = statistics.median(theirs) if theirs else None
+    return dataclasses.replace(row, theirs=median, details=details)
 
 
 def seconds_of_first(what: str, domain: str, task: str) -> float:
