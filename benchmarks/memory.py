@@ -84,31 +84,16 @@ def _growth_row(
 
 def _environment_rows(domain: str, task: str) -> list[Row]:
     """Memory of the first environment of a task and of each further one, for information."""
-    sizes = {
-        package: fresh.call(
-            "memory",
-            "megabytes_per_environment",
-            package,
-            domain,
-            task,
-            variables=peers.WITHOUT_OPENGL,
-        )
-        for package in peers.installed()
-    }
+    sizes = {}
+    for package in peers.installed():
+        call = "memory", "megabytes_per_environment", package, domain, task
+        sizes[package] = fresh.call(*call, variables=peers.WITHOUT_OPENGL)
     rows = []
     for which in ("first", "one more"):
         ours, theirs = sizes[peers.OURS][which], sizes.get(peers.THEIRS, {}).get(which)
-        rows.append(
-            Row(
-                measure="memory taken by",
-                subject=f"{domain}:{task}, {which}",
-                ours=ours,
-                theirs=theirs,
-                unit="MB",
-                value=ours / theirs if ours is not None and theirs else None,
-                details={"megabytes": sizes},
-            )
-        )
+        ratio = ours / theirs if ours is not None and theirs else None
+        subject, details = f"{domain}:{task}, {which}", {"megabytes": sizes}
+        rows.append(Row("memory taken by", subject, ours, theirs, "MB", ratio, details=details))
     return rows
 
 
@@ -159,34 +144,23 @@ def megabytes_after_cycles(num_cycles: int) -> dict[str, list[float | None]]:
 
 
 def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str, float | None]:
-    """Memory of the first environment of a task and of each further one, after loading and use."""
+    """Memory of the first environment of a task and of each further one, reset and stepped."""
     suite = peers.suite(package)
 
-    def loaded() -> Any:
-        return suite.load(domain, task, {"random": 0})
-
-    def use(environment: Any) -> None:
+    def used() -> Any:
+        environment = suite.load(domain, task, {"random": 0})
         environment.reset()
         environment.step(environment.action_spec().generate_value())
+        return environment
 
-    sizes = [footprint.megabytes()]
-    first = loaded()
-    use(first)
-    sizes.append(footprint.megabytes())
-    more = [loaded() for _ in range(_NUM_MORE_ENVIRONMENTS)]
-    sizes.append(footprint.megabytes())
-    for environment in more:
-        use(environment)
-    sizes.append(footprint.megabytes())
-    known = [size for size in sizes if size is not None]
-    if len(known) < len(sizes):
-        return dict.fromkeys(("first", "one more, loaded", "one more"))
-    empty, with_first, with_loaded, with_used = known
-    return {
-        "first": with_first - empty,
-        "one more, loaded": (with_loaded - with_first) / len(more),
-        "one more": (with_used - with_first) / len(more),
-    }
+    sizes, kept = [footprint.megabytes()], []
+    for count in (1, _NUM_MORE_ENVIRONMENTS):
+        kept += [used() for _ in range(count)]
+        sizes.append(footprint.megabytes())
+    empty, first, more = sizes
+    if empty is None or first is None or more is None:
+        return dict.fromkeys(("first", "one more"))
+    return {"first": first - empty, "one more": (more - first) / _NUM_MORE_ENVIRONMENTS}
 
 
 def _sampled(

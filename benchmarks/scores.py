@@ -22,12 +22,14 @@ from pathlib import Path
 from typing import Any
 
 import baselines
-import unsolved
+import numpy as np
 from pages import table
 
 from limberjack import suite
 from limberjack.evaluation import evaluate, published
+from limberjack.mujoco import TextOverlay
 from limberjack.planner.cost import sources_for
+from limberjack.see.video import mosaic
 from limberjack.utils import png
 from limberjack.utils.sources import hash_of_files
 
@@ -38,6 +40,9 @@ _NOTES = _RESULTS.parent / "played_again.json"
 _PAGE = Path(__file__).parents[1] / "docs" / "scores.md"
 _IMAGES = _PAGE.parent / "images"
 _DRAWN = "manipulator", "stacker"  # all starts of the humanoid look alike
+
+_START_SIZE = 150, 200  # pixels of an unsolved start
+_STARTS_BESIDE = 5
 
 _MILLION = 1_000_000
 _STEPS = tuple(_MILLION * count for count in (1, 4, 8, 14, 100))  # of training; a column each
@@ -140,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         shutil.copyfile(folder / "result.json", _RESULTS / name)
         if not _is_shown(result):
             continue
-        drawn, picture = _IMAGES / _picture_of(result), unsolved.draw(result)
+        drawn, picture = _IMAGES / _picture_of(result), _draw_unsolved(result)
         if picture is None:
             drawn.unlink(missing_ok=True)  # of an earlier result
         else:
@@ -376,13 +381,28 @@ def _with_interval(summary: _Result) -> str:
 
 def _unsolved_lines(results: Sequence[_Result]) -> Iterator[str]:
     for result in results:
-        seeds = unsolved.seeds_of(result) if _is_shown(result) else []
+        seeds = _unsolved_seeds(result) if _is_shown(result) else []
         if seeds:
             yield f"{result['task']}, {len(seeds)} of {result['episodes_asked_for']}:"
             yield ""
             words = f"Starts of {result['task']} that the planner did not solve, with their seeds"
             yield f"![{words}](images/{_picture_of(result)})"
             yield ""
+
+
+def _unsolved_seeds(result: _Result) -> list[int]:
+    return [episode["seed"] for episode in result["episodes"] if not episode["success"]]
+
+
+def _draw_unsolved(result: _Result) -> np.ndarray | None:
+    """Unsolved starts side by side, each with its seed, (height, width, 3) uint8; None without."""
+    pictures = []
+    for seed in _unsolved_seeds(result):
+        with suite.load(result["domain"], result["task"], {"random": seed}) as environment:
+            environment.reset()
+            label = TextOverlay(str(seed), position="bottom left")
+            pictures.append(environment.physics.render(*_START_SIZE, "fixed", [label]))
+    return mosaic(pictures, columns=min(_STARTS_BESIDE, len(pictures))) if pictures else None
 
 
 def _is_shown(result: _Result) -> bool:

@@ -1,6 +1,5 @@
 """An examination of this machine, with a MUJOCO_GL that names no backend."""
 
-import dataclasses
 import json
 import os
 import subprocess
@@ -11,8 +10,6 @@ import pytest
 
 import limberjack
 from limberjack.doctor import examine, packages
-from limberjack.doctor.examination import Backend, Check, Threads
-from limberjack.doctor.packages import Extra
 from limberjack.doctor.probes import Answer
 from limberjack.utils import cores
 
@@ -91,22 +88,3 @@ def test_a_clash_of_packages_is_reported_without_the_failures_that_it_causes(
     diagnosis = examine(ask)
     assert diagnosis.problems == ("MuJoCo 4.0.0 lacks 143 of its files",)
     assert not diagnosis.core.works
-
-
-def test_an_extra_is_installed_if_nothing_is_missing() -> None:
-    assert Extra("video", (), "pip install").is_installed
-    assert not Extra("video", ("matplotlib",), "pip install").is_installed
-
-
-@pytest.mark.parametrize(
-    "found",
-    [
-        Check(works=False, why="it crashed"),
-        Backend("egl", works=True, renderer="llvmpipe"),
-        Threads("humanoid", "stand", 64, {1: 100.0}, recommended=None, why="no cores"),
-        Extra("video", ("matplotlib",), "pip install"),
-    ],
-)
-def test_findings_become_json(found: Check | Backend | Threads | Extra) -> None:
-    text = json.dumps(dataclasses.asdict(found))
-    assert set(json.loads(text)) == {field.name for field in dataclasses.fields(found)}
