@@ -33,17 +33,16 @@ _THREADS = at_most(8.0)  # more than those of one batch
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    tasks: str | list[str]  # a set, or a list
-    rows: int  # of each task
-    threads: int
-    seconds: float  # of the comparison
-    rounds: int  # at least
-    processes: int  # that make the batch
+    tasks: str | list[str] = "all"  # a set, or a list
+    rows: int = 8  # of each task
+    threads: int = 2
+    seconds: float = 60.0  # of the comparison
+    rounds: int = 20  # at least
+    processes: int = 3  # that make the batch
 
 
-_FULL = Effort("all", rows=8, threads=2, seconds=60.0, rounds=20, processes=3)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(["pendulum:swingup", "reacher:easy"], 2, 2, seconds=0.1, rounds=2, processes=1)
 
@@ -134,12 +133,12 @@ def _making(effort: Effort) -> list[Row]:
 
 def main(
     quick: Quick = False,
-    threads: Annotated[int, typer.Option(min=1, help="Of both sides.")] = _FULL.threads,
-    seconds: Annotated[float, typer.Option(min=0.1, help="Of the comparison.")] = _FULL.seconds,
+    threads: Annotated[int, typer.Option(min=1, help="Of both sides.")] = Effort.threads,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Of the comparison.")] = Effort.seconds,
     json: Json = None,
 ) -> None:
     """Measure many tasks in one batch against a batch for each, and print whether bars are met."""
-    effort = _QUICK if quick else dataclasses.replace(_FULL, threads=threads, seconds=seconds)
+    effort = _QUICK if quick else Effort(threads=threads, seconds=seconds)
     typer.echo("measuring: making", err=True)
     rows = _making(effort)
     typer.echo("measuring: steps", err=True)

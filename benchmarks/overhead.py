@@ -34,32 +34,20 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    tasks: int  # the first so many
-    episodes: int  # of each task, by each package and by MuJoCo alone
-    steps: int  # of each episode
-    resets: int  # of each task, by each package
-    loads: int  # of each task, by each package
-    processes: int  # for each figure that takes a fresh one
-    domains: int  # of which a task is measured in fresh processes
-    memory_steps: int  # in all
-    memory_loads: int  # in all
-    memory_cycles: int  # in all
+    tasks: int = 10  # the first so many
+    episodes: int = 8  # of each task, by each package and by MuJoCo alone
+    steps: int = 1_000  # of each episode
+    resets: int = 400  # of each task, by each package
+    loads: int = 21  # of each task, by each package
+    processes: int = 15  # for each figure that takes a fresh one
+    domains: int = 3  # of which a task is measured in fresh processes
+    memory_steps: int = memory.NUM_STEPS  # in all
+    memory_loads: int = memory.NUM_LOADS  # in all
+    memory_cycles: int = memory.NUM_CYCLES  # in all
 
 
-_FULL = Effort(
-    tasks=10,
-    episodes=8,
-    steps=1_000,
-    resets=400,
-    loads=21,
-    processes=15,
-    domains=3,
-    memory_steps=memory.NUM_STEPS,
-    memory_loads=memory.NUM_LOADS,
-    memory_cycles=memory.NUM_CYCLES,
-)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(
     tasks=2,
@@ -101,7 +89,7 @@ def main(
     json: Json = None,
 ) -> None:
     """Measure Limberjack against dm_control and print each bar and whether it is met."""
-    effort = _QUICK if quick else _FULL
+    effort = _QUICK if quick else Effort()
     if peers.THEIRS not in peers.installed():
         typer.echo(
             "dm_control is not installed (it does not support Python 3.13 and newer): comparisons "

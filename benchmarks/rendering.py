@@ -49,17 +49,16 @@ _Player = Callable[[], np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    rounds: int  # states of each task, at the small size
-    large_rounds: int  # at the large one
-    frames: int  # of each state, by each
-    tasks: int
-    rows: int  # of the batch
-    many_rows: int  # of the batch beside a loop
+    rounds: int = 40  # states of each task, at the small size
+    large_rounds: int = 20  # at the large one
+    frames: int = 3  # of each state, by each
+    tasks: int = len(_TASKS)
+    rows: int = 16  # of the batch
+    many_rows: int = 64  # of the batch beside a loop
 
 
-_FULL = Effort(rounds=40, large_rounds=20, frames=3, tasks=len(_TASKS), rows=16, many_rows=64)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(rounds=1, large_rounds=1, frames=1, tasks=1, rows=2, many_rows=3)
 
@@ -71,7 +70,7 @@ def main(
     """Measure pictures and print each bar and whether it is met."""
     if sys.platform == "linux":
         os.environ.setdefault("MUJOCO_GL", "egl")  # otherwise the others look for a window
-    effort = _QUICK if quick else _FULL
+    effort = _QUICK if quick else Effort()
     if peers.THEIRS not in peers.installed():
         typer.echo("dm_control is not installed: comparisons with it are not measured.", err=True)
     rows = []

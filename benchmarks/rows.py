@@ -38,15 +38,14 @@ _ROWS, _THEIRS = "rows", "theirs"
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    rows: int  # beside the vectorised batch
-    threads: int  # of both kinds of batch
-    seconds: float  # of each comparison
-    rounds: int  # of each comparison, at least
+    rows: int = 64  # beside the vectorised batch
+    threads: int = 2  # of both kinds of batch
+    seconds: float = 30.0  # of each comparison
+    rounds: int = 20  # of each comparison, at least
 
 
-_FULL = Effort(rows=64, threads=2, seconds=30.0, rounds=20)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(rows=4, threads=2, seconds=0.1, rounds=2)
 
@@ -98,12 +97,12 @@ def _beside_processes(domain: str, task: str, effort: Effort) -> Row:
 
 def main(
     quick: Quick = False,
-    threads: Annotated[int, typer.Option(min=1, help="Of both kinds of batch.")] = _FULL.threads,
-    seconds: Annotated[float, typer.Option(min=0.1, help="Of a comparison.")] = _FULL.seconds,
+    threads: Annotated[int, typer.Option(min=1, help="Of both kinds of batch.")] = Effort.threads,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Of a comparison.")] = Effort.seconds,
     json: Json = None,
 ) -> None:
     """Measure rows against vectorised batches and processes, and print whether bars are met."""
-    effort = _QUICK if quick else dataclasses.replace(_FULL, threads=threads, seconds=seconds)
+    effort = _QUICK if quick else Effort(threads=threads, seconds=seconds)
     measured = []
     for domain, task in _BARS:
         typer.echo(f"measuring: {domain} {task} in processes", err=True)

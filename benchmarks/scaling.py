@@ -38,15 +38,14 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    planned: int  # episodes of the planner
-    episodes: int  # of random actions
-    time_limit: float | None  # seconds of each
-    repetitions: int  # of both sides, in turns
+    planned: int = 16  # episodes of the planner
+    episodes: int = 1_000  # of random actions
+    time_limit: float | None = None  # seconds of each
+    repetitions: int = 3  # of both sides, in turns
 
 
-_FULL = Effort(planned=16, episodes=1_000, time_limit=None, repetitions=3)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(planned=2, episodes=70, time_limit=0.05, repetitions=1)
 
@@ -130,11 +129,11 @@ def main(
         list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
     ] = None,
     quick: Quick = False,
-    repetitions: Annotated[int, typer.Option(min=1, help="Of both sides.")] = _FULL.repetitions,
+    repetitions: Annotated[int, typer.Option(min=1, help="Of both sides.")] = Effort.repetitions,
     json: Json = None,
 ) -> None:
     """Measure episodes on several processes and print each bar and whether it is met."""
-    effort = _QUICK if quick else dataclasses.replace(_FULL, repetitions=repetitions)
+    effort = _QUICK if quick else Effort(repetitions=repetitions)
     rows = []
     for section in only or list(Section):
         typer.echo(f"measuring: {section}", err=True)

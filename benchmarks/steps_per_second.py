@@ -40,32 +40,20 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    tasks: int  # the first so many
-    sizes: tuple[int, ...]  # numbers of rows
-    seconds: float  # for the rounds of each comparison
-    rounds: int  # of each comparison, at least
-    warm_up_steps: int  # before the rounds
-    resets: int  # of all rows, of each task
-    tasks_of_domains: int  # of which threads and pipelining are measured: one of each domain
-    memory_rows: int
-    pipelined_steps: int  # of each loop
-    pipelined_rounds: int
+    tasks: int = 10  # the first so many
+    sizes: tuple[int, ...] = batch_stepping.SIZES  # numbers of rows
+    seconds: float = 5  # for the rounds of each comparison
+    rounds: int = 10  # of each comparison, at least
+    warm_up_steps: int = 12  # before the rounds
+    resets: int = 5  # of all rows, of each task
+    tasks_of_domains: int = 3  # of which threads and pipelining are measured: one of each domain
+    memory_rows: int = 4096
+    pipelined_steps: int = 150  # of each loop
+    pipelined_rounds: int = 3
 
 
-_FULL = Effort(
-    tasks=10,
-    sizes=batch_stepping.SIZES,
-    seconds=5,
-    rounds=10,
-    warm_up_steps=12,
-    resets=5,
-    tasks_of_domains=3,
-    memory_rows=4096,
-    pipelined_steps=150,
-    pipelined_rounds=3,
-)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(
     tasks=1,
@@ -153,7 +141,7 @@ def main(
     json: Json = None,
 ) -> None:
     """Measure batches beside their peers and print each bar and whether it is met."""
-    effort = _QUICK if quick else _FULL
+    effort = _QUICK if quick else Effort()
     num_threads = threads or batch_costs.free_cores()
     rows: list[Row] = []
     versions: dict[str, str] = {}

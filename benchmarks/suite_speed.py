@@ -80,19 +80,18 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    tasks: int  # the first so many
-    episodes: int  # of each task, one environment
-    steps: int  # of each episode
-    sizes: tuple[int, ...]  # numbers of rows
-    seconds: float  # of each comparison
-    rounds: int  # of each comparison, at least
-    loads: int  # of each task, and of all in processes of their own
-    memory_rows: int
+    tasks: int = 51  # the first so many
+    episodes: int = 4  # of each task, one environment
+    steps: int = 1_000  # of each episode
+    sizes: tuple[int, ...] = (64, 256, 1024)  # numbers of rows
+    seconds: float = 1.5  # of each comparison
+    rounds: int = 8  # of each comparison, at least
+    loads: int = 7  # of each task, and of all in processes of their own
+    memory_rows: int = 1024
 
 
-_FULL = Effort(51, 4, 1_000, (64, 256, 1024), 1.5, 8, 7, 1024)
 _QUICK = Effort(1, 1, 10, (64,), 0.01, 2, 1, 2)
 
 
@@ -252,7 +251,7 @@ def main(
     json: Json = None,
 ) -> None:
     """Measure the whole suite and print each bar and whether it is met."""
-    effort = _QUICK if quick else _FULL
+    effort = _QUICK if quick else Effort()
     effort = dataclasses.replace(effort, sizes=tuple(size or effort.sizes))
     num_threads = threads or batch_costs.free_cores()
     rows: list[Row] = []

@@ -38,14 +38,13 @@ _DIGEST = "0" * 64
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """The amount of work."""
+    """The amount of work; by default that of a full run."""
 
-    turns: int
-    units: int  # of 64 seeds, that two workers play
-    parts: int  # of one episode each
+    turns: int = 5
+    units: int = 64  # of 64 seeds, that two workers play
+    parts: int = 10_000  # of one episode each
 
 
-_FULL = Effort(turns=5, units=64, parts=10_000)
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(turns=1, units=2, parts=50)
 
@@ -152,7 +151,7 @@ def main(
     json: Json = None,
 ) -> None:
     """Measure the driver's bytes and seconds, and footers, and print whether the bars are met."""
-    effort = _QUICK if quick else _FULL
+    effort = _QUICK if quick else Effort()
     rows = [_messages(effort), *_planning(effort), _footers(effort)]
     finish(rows, "the files", quick, json, dataclasses.asdict(effort))
 
