@@ -26,20 +26,26 @@ __all__ = ["DeviceArray", "constant", "device_array", "plain"]
 
 _MOST_CONSTANTS = 4096  # cached arrays; a task has a few dozen
 
-_INSTEAD = {
-    "float()": "use the array itself: it holds one number for each row",
-    "int()": "use the array itself, or .astype(int)",
-    "use as an index of a list": "index an array instead",
-    "bool(), as by `if`, `and`, `not`, `min` and `max`,": (
-        "write np.where for if, & for and, ~ for not, np.minimum and np.maximum for min and max"
-    ),
-    "iteration, as by `for` and unpacking,": "index the last axis: x[..., 0]",
-    "`in`": "compare, and use .any(axis=-1)",
-    "item()": "use the array itself",
-    "tolist()": "use the array itself",
-    "nonzero()": "use the mask itself, in np.where or as an index",
-    "np.asarray()": "use the array itself, or np.stack and arrays.concat to join several",
-}
+_Method = Callable[..., object]
+
+
+def _numpys(function: _Method) -> _Method:
+    """A method that is a function of NumPy, whose arguments or result a tensor's own has not."""
+    return lambda self, *args, **kwargs: function(self, *args, **kwargs)
+
+
+def _refused(what: str, instead: str) -> _Method:
+    """A method that raises, as it would wait for the device."""
+
+    def refuse(self: object, *args: object, **kwargs: object) -> NoReturn:
+        raise TypeError(f"{what} would take an array out of the device's memory: {instead}")
+
+    return refuse
+
+
+def _unlike(name: str, instead: str) -> _Method:
+    """A method that raises, as NumPy's changes the array, and a tensor's own does not."""
+    return lambda self, *args, **kwargs: functions.refuse(f"the method {name}()", instead)
 
 
 class DeviceArray(torch.Tensor):
@@ -127,100 +133,35 @@ class DeviceArray(torch.Tensor):
         """A copy."""
         return self.clone()
 
-    def cumsum(self, axis: int | None = None) -> torch.Tensor:
-        """Sums up to each element along an axis, or of all."""
-        return np.cumsum(self, axis)
-
-    def dot(self, other: torch.Tensor) -> torch.Tensor:
-        """As `np.dot` for vectors and matrices."""
-        return np.dot(self, other)
-
-    def max(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
-        """The largest element along an axis, or of all."""
-        return np.max(self, axis, keepdims=keepdims)
-
-    def mean(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
-        """The mean along an axis, or of all."""
-        return np.mean(self, axis, keepdims=keepdims)
-
-    def min(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
-        """The smallest element along an axis, or of all."""
-        return np.min(self, axis, keepdims=keepdims)
-
-    def nonzero(self) -> NoReturn:
-        """Refuses."""
-        _refuse("nonzero()")
-
-    def prod(self, axis: functions.Axis = None, *, keepdims: bool = False) -> torch.Tensor:
-        """The product along an axis, or of all."""
-        return np.prod(self, axis, keepdims=keepdims)
-
-    def put(self, *args: object, **kwargs: object) -> NoReturn:
-        """Refuses: NumPy writes in place, and a tensor's own method does not."""
-        functions.refuse("the method put()", "an assignment, as in x[..., 0] = y")
-
-    def repeat(self, repeats: int, axis: int | None = None) -> torch.Tensor:
-        """Each element several times; a tensor's own method would repeat the whole."""
-        return np.repeat(self, repeats, axis)
-
-    def resize(self, *args: object, **kwargs: object) -> NoReturn:
-        """Refuses: NumPy changes the array, and a tensor's own method does not."""
-        functions.refuse("the method resize()", "np.reshape, which returns a new array")
-
-    def sort(self, axis: int = -1) -> NoReturn:
-        """Refuses: NumPy sorts in place, and a tensor's own method does not."""
-        functions.refuse("the method sort()", "np.sort, which returns a new array")
-
-    def std(
-        self, axis: functions.Axis = None, *, ddof: int = 0, keepdims: bool = False
-    ) -> torch.Tensor:
-        """The standard deviation; a tensor's own method would divide by n - 1."""
-        return np.std(self, axis, ddof=ddof, keepdims=keepdims)
-
-    def take(self, indices: Sequence[int] | np.ndarray, axis: int | None = None) -> torch.Tensor:
-        """Elements at positions along an axis, or of the flattened array."""
-        return np.take(self, indices, axis)
-
     def transpose(self, *axes: int | Sequence[int]) -> torch.Tensor:
         """The array with its axes in another order."""
         return np.transpose(self, np.ravel(axes).tolist() or None)
 
-    def var(
-        self, axis: functions.Axis = None, *, ddof: int = 0, keepdims: bool = False
-    ) -> torch.Tensor:
-        """The variance; a tensor's own method would divide by n - 1."""
-        return np.var(self, axis, ddof=ddof, keepdims=keepdims)
+    # A tensor's own `repeat` repeats the whole, and its `std` and `var` divide by n - 1.
+    cumsum, dot, repeat, take = map(_numpys, (np.cumsum, np.dot, np.repeat, np.take))
+    max, mean, min, prod = map(_numpys, (np.max, np.mean, np.min, np.prod))
+    std, var = map(_numpys, (np.std, np.var))
+    put = _unlike("put", "an assignment, as in x[..., 0] = y")
+    resize = _unlike("resize", "np.reshape, which returns a new array")
+    sort = _unlike("sort", "np.sort, which returns a new array")
 
     # Operations that would wait for the device.
 
-    def __array__(self, *args: object, **kwargs: object) -> NoReturn:
-        _refuse("np.asarray()")
-
-    def __float__(self) -> NoReturn:
-        _refuse("float()")
-
-    def __int__(self) -> NoReturn:
-        _refuse("int()")
-
-    def __index__(self) -> NoReturn:
-        _refuse("use as an index of a list")
-
-    def __bool__(self) -> NoReturn:
-        _refuse("bool(), as by `if`, `and`, `not`, `min` and `max`,")
-
-    def __iter__(self) -> NoReturn:
-        _refuse("iteration, as by `for` and unpacking,")
-
-    def __contains__(self, item: object) -> NoReturn:
-        _refuse("`in`")
-
-    def item(self) -> NoReturn:
-        """Refuses."""
-        _refuse("item()")
-
-    def tolist(self) -> NoReturn:
-        """Refuses."""
-        _refuse("tolist()")
+    __array__ = _refused(
+        "np.asarray()", "use the array itself, or np.stack and arrays.concat to join several"
+    )
+    __float__ = _refused("float()", "use the array itself: it holds one number for each row")
+    __int__ = _refused("int()", "use the array itself, or .astype(int)")
+    __index__ = _refused("use as an index of a list", "index an array instead")
+    __bool__ = _refused(
+        "bool(), as by `if`, `and`, `not`, `min` and `max`,",
+        "write np.where for if, & for and, ~ for not, np.minimum and np.maximum for min and max",
+    )
+    __iter__ = _refused("iteration, as by `for` and unpacking,", "index the last axis: x[..., 0]")
+    __contains__ = _refused("`in`", "compare, and use .any(axis=-1)")
+    item = _refused("item()", "use the array itself")
+    tolist = _refused("tolist()", "use the array itself")
+    nonzero = _refused("nonzero()", "use the mask itself, in np.where or as an index")
 
     def __repr__(self, **kwargs: object) -> str:
         return f"DeviceArray(shape={tuple(self.shape)}, dtype={self.dtype}, device={self.device})"
@@ -369,7 +310,3 @@ def _written(result: object, out: object, name: str) -> object:
         )
     target.copy_(result)
     return target
-
-
-def _refuse(what: str) -> NoReturn:
-    raise TypeError(f"{what} would take an array out of the device's memory: {_INSTEAD[what]}")
