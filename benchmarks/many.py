@@ -71,33 +71,27 @@ def _threads() -> int:
     return len(os.listdir("/proc/self/task"))
 
 
-class _Separate:
-    """A vector environment for each task, with as many threads each."""
+def _separate(many: Any, effort: Effort) -> Step:
+    """Steps a vector environment for each task, with as many threads each."""
+    all_envs = []
+    for task in many.tasks:
+        domain, _, name = task.name.partition(":")
+        envs = gym.load_vector(domain, name, effort.rows, flat=True, num_threads=effort.threads)
+        envs.reset(seed=_SEED + task.rows.start)
+        all_envs.append((envs, task))
 
-    def __init__(self, many: Any, effort: Effort) -> None:
-        self._tasks = many.tasks
-        self._envs = []
-        for task in many.tasks:
-            domain, _, name = task.name.partition(":")
-            how = {"flat": True, "num_threads": effort.threads}
-            envs = gym.load_vector(domain, name, effort.rows, **how)
-            envs.reset(seed=_SEED + task.rows.start)
-            self._envs.append(envs)
-
-    def step(self, actions: np.ndarray) -> np.ndarray:
-        """The rewards of all rows after a step of each environment."""
-        steps = [
-            envs.step(actions[task.rows, : task.action_size])
-            for task, envs in zip(self._tasks, self._envs, strict=True)
-        ]
+    def step(actions: np.ndarray) -> np.ndarray:
+        steps = [envs.step(actions[task.rows, : task.action_size]) for envs, task in all_envs]
         return np.concatenate([step[1] for step in steps])
+
+    return step
 
 
 def _speed(effort: Effort) -> Row:
     many: Any = gym.load_vector(effort.tasks, rows=effort.rows, num_threads=effort.threads)
     many.reset(seed=_SEED)
-    separate = _Separate(many, effort)
-    sides: dict[str, Step] = {"many": lambda given: many.step(given)[1], "separate": separate.step}
+    sides: dict[str, Step] = {"many": lambda given: many.step(given)[1]}
+    sides["separate"] = _separate(many, effort)
     spec = many.batches[0].action_spec()
     taken = take_turns(sides, spec, effort.seconds, effort.rounds)
     ratios = [b / a for a, b in zip(taken["many"], taken["separate"], strict=True)]

@@ -9,7 +9,7 @@ import pytest
 
 from tests.programs import run_benchmark
 
-# They take seconds each, and share their report and options with test_suite_speed.py.
+# They take seconds each, and share their report and options with test_quick_runs.py.
 pytestmark = pytest.mark.slow
 
 _TASKS = ["humanoid:stand", "humanoid:walk"]  # of a quick run

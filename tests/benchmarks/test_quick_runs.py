@@ -8,8 +8,8 @@ import pytest
 
 from tests.programs import report_without_places, run_benchmark
 
-# They take seconds each, and share their report and options with test_suite_speed.py.
-pytestmark = pytest.mark.slow
+# They take seconds each, and share their report and options with the one that is not slow.
+_NOT_SLOW = "suite_speed.py --without-peers --only batch --only size"
 
 _HAS_DM_CONTROL = importlib.util.find_spec("dm_control") is not None
 _READERS = {
@@ -58,6 +58,13 @@ _RUNS: dict[str, list[tuple[str, float | None]]] = {
         ("memory of one more row", 0.3),
         ("two halves / plain loop", 1.6),
     ],
+    _NOT_SLOW: [("batch / bare Batch", 0.65), ("lines", 2000), ("lines", 2000)],
+    "suite_speed.py --without-peers --only single": [
+        ("steps per second", 1.1),
+        ("steps per second", 1.3),
+    ],
+    "suite_speed.py --without-peers --only load": [("load / compile", 1.2), ("second load", 10)],
+    "suite_speed.py --without-peers --only memory": [("memory", 800), ("memory", 400)],
     "writing.py": [("a unit", 2.0), ("planning", 10.0), ("planning", 10.0), ("footer", 5.0)],
 }
 
@@ -71,7 +78,10 @@ def _quick(command: str, file: Path) -> tuple[str, str]:
     return done.stdout, file.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("command", _RUNS)
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(one, marks=() if one == _NOT_SLOW else pytest.mark.slow) for one in _RUNS],
+)
 def test_a_quick_run_reports_every_measure_with_its_bar(command: str, tmp_path: Path) -> None:
     table, text = _quick(command, tmp_path / "results" / "quick.json")
     report = report_without_places(text)
@@ -81,10 +91,12 @@ def test_a_quick_run_reports_every_measure_with_its_bar(command: str, tmp_path: 
     rows = report["rows"]
     assert [(row["measure"], row["bar"] and row["bar"]["limit"]) for row in rows] == expected
     for row in rows:
-        assert row["value"] > 0
+        assert row["value"] is None or row["value"] > 0
+        assert row["ours"] > 0
         assert row["measure"] in table
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("pictures")
 def test_pictures_are_compared_at_both_sizes_and_the_renderer_is_named(tmp_path: Path) -> None:
     table, text = _quick("rendering.py", tmp_path / "quick.json")
