@@ -20,7 +20,7 @@ import importlib.util
 import pkgutil
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -63,7 +63,8 @@ def install() -> None:
         _place_finders()
         if sys.modules.setdefault(_ALIAS, limberjack) is not limberjack:
             # Another thread began to import the real dm_control after the check above.
-            _remove_finders()
+            for finder in (_alias_finder, _last_finder):
+                sys.meta_path.remove(finder)
             _refuse_genuine()
 
 
@@ -99,12 +100,6 @@ def _place_finders() -> None:
         finders.append(_last_finder)
         if _last_finder in finders[:-1]:
             finders.remove(_last_finder)
-
-
-def _remove_finders() -> None:
-    """Removes both finders from `sys.meta_path`."""
-    for finder in (_alias_finder, _last_finder):
-        sys.meta_path.remove(finder)
 
 
 class _AliasLoader(Loader):
@@ -269,6 +264,12 @@ _PLAIN = {
 }
 
 
+def _refuse(self: type, *args: object, **kwargs: object) -> NoReturn:
+    """Raises the error of a stand-in class, or of that from which a program's class is derived."""
+    made = next(one for one in self.__mro__ if one in _made.values())
+    raise NotImplementedError(_not_built(f"{made.__module__}.{made.__name__}"))
+
+
 # ABCMeta, so that `class Task(composer.Task, abc.ABC)` raises our error, not a metaclass conflict.
 class _StandInClass(abc.ABCMeta):
     """Metaclass of the stand-in classes; defines the operations that raise."""
@@ -276,20 +277,7 @@ class _StandInClass(abc.ABCMeta):
     def __getattr__(cls, name: str) -> type:
         return _attribute(f"{cls.__module__}.{cls.__name__}", name)
 
-    def __call__(cls, *args: object, **kwargs: object) -> NoReturn:
-        _refuse(cls)
-
-    def __iter__(cls) -> Iterator[NoReturn]:
-        _refuse(cls)
-
-    def __len__(cls) -> int:
-        _refuse(cls)
-
-    def __contains__(cls, item: object) -> bool:
-        _refuse(cls)
-
-    def __getitem__(cls, key: object) -> NoReturn:
-        _refuse(cls)
+    __call__ = __iter__ = __len__ = __contains__ = __getitem__ = _refuse
 
     def __bool__(cls) -> bool:
         return True  # as for any class, although `__len__` is defined
@@ -312,12 +300,6 @@ def _attribute(owner: str, name: str) -> type:
         }
         _made.setdefault(path, _StandInClass(name, bases, names))
     return _made[path]
-
-
-def _refuse(cls: type) -> NoReturn:
-    """Raises the error of a stand-in class, or of that from which a program's class is derived."""
-    made = next(one for one in cls.__mro__ if one in _made.values())
-    raise NotImplementedError(_not_built(f"{made.__module__}.{made.__name__}"))
 
 
 def _not_built(name: str) -> str:
