@@ -8,6 +8,7 @@ import json
 import re
 import statistics
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,7 @@ _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
 _SOURCE = Path(limberjack.__file__).parent
 _RESULTS = _REPOSITORY / "benchmarks" / "results"
-_SPEEDS, _SUITE_SPEEDS = _RESULTS / "steps_per_second.json", _RESULTS / "suite_speed.json"
 _BATCHES = _DOCS / "batches.md"
-_SEEING = _DOCS / "seeing.md"
 _PAGES = [_REPOSITORY / "README.md", *sorted(_DOCS.glob("*.md"))]
 _FEWEST_WORDS = 5  # in the place of a picture
 
@@ -37,33 +36,42 @@ def _text(page: Path) -> str:
     return " ".join(page.read_text(encoding="utf-8").split())
 
 
+def _rows(name: str, measure: str = "", subject: str = "") -> list[dict[str, Any]]:
+    """The rows of a benchmark's committed run, or those of a measure whose subjects end so."""
+    rows = json.loads((_RESULTS / f"{name}.json").read_text(encoding="utf-8"))["rows"]
+    of_measure = [row for row in rows if measure in ("", row["measure"])]
+    return [row for row in of_measure if row["subject"].endswith(subject)]
+
+
+def _values(name: str, measure: str = "", subject: str = "") -> list[float]:
+    return [row["value"] for row in _rows(name, measure, subject)]
+
+
+def _assert_told(page: str, *words: str) -> None:
+    """The page says all of it, wherever its lines break."""
+    text = _text(_DOCS / page)
+    assert [each for each in words if each not in text] == []
+
+
+def _range(values: Sequence[float], digits: int = 2) -> str:
+    return f"{min(values):.{digits}f} to {max(values):.{digits}f}"
+
+
 def _ratio(measure: str, num_envs: int) -> float:
     """A geometric mean over all tasks from the committed results."""
-    rows = json.loads(_SPEEDS.read_text(encoding="utf-8"))["rows"]
-    wanted = measure, f"geometric mean, N={num_envs}"
-    (value,) = [row["value"] for row in rows if (row["measure"], row["subject"]) == wanted]
+    (value,) = _values("steps_per_second", measure, f"geometric mean, N={num_envs}")
     return value
 
 
-def test_the_speed_in_the_readme_is_the_one_that_was_measured() -> None:
-    (ratio,) = re.findall(
-        r"runs ([\d.]+) times as many steps per second as EnvPool", _text(_PAGES[0])
-    )
-    assert ratio == f"{_ratio('vector / EnvPool', 1024):.2f}"
-
-
-def test_the_speed_in_the_comparison_is_the_one_that_was_measured() -> None:
-    text = _text(_DOCS / "comparison.md")
-    (ratio,) = re.findall(r"over EnvPool 1\.2\.5 \| ([\d.]+) times", text)
-    assert ratio == f"{_ratio('vector / EnvPool', 1024):.2f}"
+def test_the_speed_beside_envpool_is_the_one_that_was_measured() -> None:
+    ratio = f"{_ratio('vector / EnvPool', 1024):.2f}"
+    _assert_told("../README.md", f"runs {ratio} times as many steps per second as EnvPool")
+    _assert_told("comparison.md", f"over EnvPool 1.2.5 | {ratio} times")
 
 
 def _spread(measure: str, last: str) -> str:
     """The smallest and the largest ratio of a task, as they are written."""
-    rows = json.loads(_SPEEDS.read_text(encoding="utf-8"))["rows"]
-    of_measure = [row for row in rows if row["measure"] == measure]
-    values = [row["value"] for row in of_measure if row["subject"].endswith(f", {last}")]
-    return f"{min(values):.2f} to {max(values):.2f}"
+    return _range(_values("steps_per_second", measure, f", {last}"))
 
 
 def test_the_speeds_beside_envpool_are_those_that_were_measured() -> None:
@@ -98,19 +106,13 @@ def test_the_speeds_beside_processes_are_those_that_were_measured() -> None:
 def test_the_speeds_over_the_whole_suite_are_those_that_were_measured(
     told: str, measure: str, kind: str
 ) -> None:
-    rows = json.loads(_SUITE_SPEEDS.read_text(encoding="utf-8"))["rows"]
     expected = []
     for num_envs in (64, 256, 1024):
-        values = [
-            row["value"]
-            for row in rows
-            if row["measure"] == measure
-            and row["subject"].endswith(f", N={num_envs}")
-            and row["details"].get("class") == kind
-        ]
+        rows = _rows("suite_speed", measure, f", N={num_envs}")
+        values = [row["value"] for row in rows if row["details"].get("class") == kind]
         mean = f"{statistics.geometric_mean(values):.2f}" if values else "-"
-        expected.append(f"{mean} ({min(values):.2f} to {max(values):.2f})" if values else mean)
-    assert f"| {told} | {kind} | {' | '.join(expected)} |" in _text(_BATCHES)
+        expected.append(f"{mean} ({_range(values)})" if values else mean)
+    _assert_told("batches.md", f"| {told} | {kind} | {' | '.join(expected)} |")
 
 
 @pytest.mark.parametrize(
@@ -118,63 +120,53 @@ def test_the_speeds_over_the_whole_suite_are_those_that_were_measured(
     [("a vectorised batch", "rows / vectorised"), ("`AsyncVectorEnv`", "rows / AsyncVectorEnv")],
 )
 def test_the_times_of_rows_are_those_that_were_measured(told: str, measure: str) -> None:
-    rows = json.loads((_RESULTS / "rows.json").read_text(encoding="utf-8"))["rows"]
-    cells = [f"{row['value']:.2f}" for row in rows if row["measure"] == measure]
+    cells = [f"{value:.2f}" for value in _values("rows", measure)]
     assert len(cells) == 4
-    assert f"| {told} | {' | '.join(cells)} |" in _text(_BATCHES)
+    _assert_told("batches.md", f"| {told} | {' | '.join(cells)} |")
 
 
 def test_the_figures_of_many_tasks_are_those_that_were_measured() -> None:
-    rows = json.loads((_RESULTS / "many.json").read_text(encoding="utf-8"))["rows"]
-    making, megabytes, _, _, speed = rows
-    text = " ".join(_text(_BATCHES).split())
-    assert f"take {speed['ours']:.1f} ms a step on two cores" in text
-    assert f"takes {speed['theirs']:.1f} ms." in text
-    made = f"made in {making['value']:.1f} s of processor time and {megabytes['value']:.0f} MB"
-    assert made in text
+    making, megabytes, _, _, speed = _rows("many")
+    _assert_told(
+        "batches.md",
+        f"take {speed['ours']:.1f} ms a step on two cores",
+        f"takes {speed['theirs']:.1f} ms.",
+        f"made in {making['value']:.1f} s of processor time and {megabytes['value']:.0f} MB",
+    )
 
 
 def test_the_gain_of_drawing_rows_together_is_that_which_was_measured() -> None:
-    rows = json.loads((_RESULTS / "rendering.json").read_text(encoding="utf-8"))["rows"]
-    gains = [row["value"] for row in rows if row["measure"] == "batch / loop"]
-    told = f"are drawn {min(gains):.2f} to {max(gains):.2f} times as fast as by a loop"
-    assert told in " ".join(_text(_SEEING).split())
+    gains = _range(_values("rendering", "batch / loop"))
+    _assert_told("seeing.md", f"are drawn {gains} times as fast as by a loop")
 
 
 def test_the_costs_of_a_picture_are_those_that_were_measured() -> None:
-    rows = json.loads((_RESULTS / "rendering.json").read_text(encoding="utf-8"))["rows"]
-    text = " ".join(_text(_SEEING).split())
-
-    def measured(measure: str, size: str, digits: int) -> str:
-        found = [
-            row["value"]
-            for row in rows
-            if (row["measure"], row["subject"].split()[-1]) == (measure, size)
+    def measured(measure: str, digits: int = 2) -> list[str]:
+        return [
+            _range(_values("rendering", measure, f" {size}"), digits)
+            for size in ("84x84", "480x640")
         ]
-        return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
 
-    for name, measure in (
-        ("a bare `mujoco.Renderer`", "render / mujoco.Renderer"),
-        ("dm_control", "render / dm_control"),
-    ):
-        small, large = (measured(measure, size, 2) for size in ("84x84", "480x640"))
-        assert f"| {name} | {small} | {large} |" in text
-    of_batch = measured("batch / mujoco.Renderer", "84x84", 2)
-    assert f"of the rows of a batch on two threads | {of_batch} | |" in text
-    small, large = (measured("fast / full", size, 1) for size in ("84x84", "480x640"))
-    assert f'`"fast"` is {small} times as fast at 84 by 84, and {large} times at 480 by 640' in text
-    times = [1000 / row["ours"] for row in rows if row["measure"] == "render / mujoco.Renderer"]
-    assert f"takes {min(times):.0f} to {max(times):.0f} ms, all but" in text
+    bare, theirs = (measured(f"render / {name}") for name in ("mujoco.Renderer", "dm_control"))
+    of_batch = _range(_values("rendering", "batch / mujoco.Renderer"))
+    fast = measured("fast / full", 1)
+    times = [1000 / row["ours"] for row in _rows("rendering", "render / mujoco.Renderer")]
+    _assert_told(
+        "seeing.md",
+        f"| a bare `mujoco.Renderer` | {' | '.join(bare)} |",
+        f"| dm_control | {' | '.join(theirs)} |",
+        f"of the rows of a batch on two threads | {of_batch} | |",
+        f'`"fast"` is {fast[0]} times as fast at 84 by 84, and {fast[1]} times at 480 by 640',
+        f"takes {_range(times, 0)} ms, all but",
+    )
 
 
 def test_the_size_of_an_installation_is_that_which_was_measured() -> None:
-    rows = json.loads((_RESULTS / "installing.json").read_text(encoding="utf-8"))["rows"]
-    packages, megabytes = (round(row["value"]) for row in rows)
+    packages, megabytes = map(round, _values("installing"))
     assert packages == len(_required("limberjack")) - 1
-    readme = _text(_DOCS.parent / "README.md")
-    assert f"# {packages} packages, {megabytes} MB" in readme
-    assert f"| {megabytes} MB, {packages} packages |" in _text(_DOCS / "comparison.md")
-    assert f"{packages} packages, of {megabytes} MB in all" in _text(_DOCS / "install.md")
+    _assert_told("../README.md", f"# {packages} packages, {megabytes} MB")
+    _assert_told("comparison.md", f"| {megabytes} MB, {packages} packages |")
+    _assert_told("install.md", f"{packages} packages, of {megabytes} MB in all")
 
 
 def _required(name: str) -> set[str]:
@@ -194,18 +186,18 @@ def _required(name: str) -> set[str]:
 
 
 def test_the_times_of_the_viewer_are_those_that_were_measured() -> None:
-    rows = json.loads((_RESULTS / "viewer.json").read_text(encoding="utf-8"))["rows"]
-    title = "cartpole swingup"
+    rows, title = _rows("viewer"), "cartpole swingup"
     frames = {row["subject"]: row["value"] for row in rows if row["measure"].startswith("a frame")}
     answers = [row["ours"] for row in rows if row["subject"] == title and row["bar"]]
-    told = f"takes {frames[title]:.0f} ms instead of {frames['cartpole swingup, full']:.0f}"
-    text = _text(_DOCS / "viewer.md")
-    assert told in text
-    assert f"keys are answered within {max(answers):.0f} ms" in text
     fast = [row for row in rows if row["bar"] and not row["subject"].endswith(", full")]
     drawn = max(row["value"] for row in fast if row["measure"] != "push")
     [push] = [row["value"] for row in fast if row["measure"] == "push"]
-    assert f"drawn within {drawn:.0f} ms ({push:.0f} ms for a push)" in text
+    _assert_told(
+        "viewer.md",
+        f"takes {frames[title]:.0f} ms instead of {frames['cartpole swingup, full']:.0f}",
+        f"keys are answered within {max(answers):.0f} ms",
+        f"drawn within {drawn:.0f} ms ({push:.0f} ms for a push)",
+    )
 
 
 def _messages() -> str:
@@ -259,12 +251,12 @@ def test_the_citation_in_both_files_is_of_the_same_work() -> None:
 
 def test_the_page_of_exactness_tells_the_results_of_the_long_comparison() -> None:
     results = json.loads((_RESULTS / "exactness.json").read_text("utf-8"))
-    told = (
+    _assert_told(
+        "exactness.md",
         f"took {results['core_minutes']:.0f} minutes of processor time: {results['steps']:,} steps "
         f"of {len(results['tasks'])} tasks in {results['comparisons']:,} comparisons, "
-        f"with {results['differences']} differences."
+        f"with {results['differences']} differences.",
     )
-    assert told in _text(_DOCS / "exactness.md")
     assert results["differences"] == 0
     assert set(results["tasks"]) == {":".join(task) for task in suite.ALL_TASKS}
 
@@ -298,14 +290,16 @@ def test_every_learning_curve_is_of_the_command_that_the_training_page_names(pat
 
 
 def test_the_page_of_training_has_what_evolution_reached() -> None:
-    page = " ".join((_DOCS / "training.md").read_text("utf-8").split())
     result = json.loads((_RESULTS / "learned" / "lqr-lqr_6_2.json").read_text("utf-8"))
     runs = result["runs"]
     first, second, third = (f"{run['cost'] / result['optimal']:.3f}" for run in runs)
     seconds = sorted(run["curve"][-1][1] for run in runs)
-    assert f"of lqr_6_2 cost {first}, {second} and {third} times as much as the optimal" in page
-    assert f"after {round(runs[0]['steps'] / 1e6)} million control steps" in page
-    assert f"steps: {seconds[0]:.0f} to {seconds[-1]:.0f} seconds of one" in page
+    _assert_told(
+        "training.md",
+        f"of lqr_6_2 cost {first}, {second} and {third} times as much as the optimal",
+        f"after {round(runs[0]['steps'] / 1e6)} million control steps",
+        f"steps: {seconds[0]:.0f} to {seconds[-1]:.0f} seconds of one",
+    )
 
 
 def test_the_curve_from_pictures_is_the_one_that_was_measured() -> None:
@@ -332,7 +326,7 @@ def _call(code: str, name: str) -> ast.Call:
     raise AssertionError(f"{name} is not called")
 
 
-def _values(code: str) -> dict[str, Any]:
+def _assigned(code: str) -> dict[str, Any]:
     """The values of the names that a program assigns constants to, or containers of them."""
     found: dict[str, Any] = {}
     for node in ast.parse(code).body:
@@ -349,7 +343,7 @@ def test_the_snippet_of_stable_baselines3_has_the_settings_of_its_example() -> N
     lines = re.findall(r"(?:^ {4}.*\n|^\n)+", section, re.MULTILINE)[0]
     snippet = textwrap.dedent(lines)
     example = (_REPOSITORY / "examples" / "sb3_crossq.py").read_text(encoding="utf-8")
-    values = _values(example)
+    values = _assigned(example)
     repeat = values["ACTION_REPEAT"]
     options = {
         ast.literal_eval(node.args[0]): {k.arg: k.value for k in node.keywords}["default"]
@@ -371,38 +365,30 @@ def test_the_snippet_of_stable_baselines3_has_the_settings_of_its_example() -> N
     assert f"--steps {steps} --envs {rows} " in example
 
 
-def _results(name: str) -> list[float]:
-    """The ratios of a benchmark's committed run, in its order."""
-    rows = json.loads((_RESULTS / name).read_text(encoding="utf-8"))["rows"]
-    return [row["value"] for row in rows]
-
-
 def test_the_speed_of_workers_is_the_one_that_was_measured() -> None:
     pattern = r"took ([\d.]+) of the time .* and ([\d.]+) of .* Ray took ([\d.]+) of"
     found = re.findall(pattern, _text(_DOCS / "scaling.md"))
-    assert found == [tuple(f"{ratio:.2f}" for ratio in _results("scaling.json"))]
+    assert found == [tuple(f"{ratio:.2f}" for ratio in _values("scaling"))]
 
 
 def test_the_speed_of_collecting_is_the_one_that_was_measured() -> None:
-    walk, read_walk, ball, read_ball = _results("collecting.json")
-    text = _text(_DOCS / "datasets.md")
-    for sentence in (
+    walk, read_walk, ball, read_ball = _values("collecting")
+    _assert_told(
+        "datasets.md",
         f"made {walk:.2f} of the steps per second of evaluating on humanoid walk and {ball:.2f} on",
         f"reading was {read_walk:.0f} and {read_ball:.0f} times as fast as evaluating",
-    ):
-        assert sentence in text
+    )
 
 
 def test_the_costs_of_writing_are_those_that_were_measured() -> None:
-    unit, counting, resuming, footer = _results("writing.json")
-    text = _text(_DOCS / "datasets.md")
-    for words in (
+    unit, counting, resuming, footer = _values("writing")
+    _assert_told(
+        "datasets.md",
         f"a unit sent up to {unit:.2f} kB",
         f"it took {counting:.1f} s to count them",
         f"and {resuming:.1f} s to find them",
         f"the footer is {footer:.1f} %",
-    ):
-        assert words in text
+    )
 
 
 def test_the_returns_learned_from_datasets_are_those_that_were_measured() -> None:
@@ -426,9 +412,9 @@ def test_the_returns_learned_from_datasets_are_those_that_were_measured() -> Non
 
 
 def test_the_time_of_path_searches_is_the_one_that_was_measured() -> None:
-    median, most, worst = _results("path_searches.json")
+    median, most, worst = _values("path_searches")
     told = f"up to {median:.1f} ms, 99 % up to {most:.0f} ms, and the longest {worst:.0f} ms"
-    assert told in _text(_REPOSITORY / "docs" / "planner.md")
+    _assert_told("planner.md", told)
 
 
 def test_the_comparison_counts_the_tasks_that_the_planner_plays() -> None:
@@ -461,21 +447,17 @@ def test_playgrounds_tasks_are_all_but_those_that_its_page_says_it_lacks() -> No
 
 
 def test_the_times_of_the_planner_are_those_that_were_measured() -> None:
-    rows = json.loads((_RESULTS / "planner.json").read_text(encoding="utf-8"))["rows"]
+    def times(*domains: str) -> str:
+        rows = _rows("planner", subject=", 4 threads")
+        return _range([row["ours"] for row in rows if row["subject"].startswith(domains)], 0)
 
-    def spread(part: str, domains: tuple[str, ...], field: str) -> str:
-        """The smallest and the largest value of the rows, rounded."""
-        values = [
-            row[field]
-            for row in rows
-            if part in f"{row['measure']} {row['subject']}" and row["subject"].startswith(domains)
-        ]
-        return f"{min(values):.0f} to {max(values):.0f}"
-
-    text, arm, body = _text(_DOCS / "planner.md"), ("manipulator", "stacker"), ("humanoid",)
-    times = spread("4 threads", arm, "ours"), spread("4 threads", body, "ours")
-    assert f"a plan takes {times[0]} ms for the arm and {times[1]} for humanoids" in text
-    assert f"{spread('not MuJoCo', arm + body, 'value')} % of the time of a plan" in text
+    arm, body = times("manipulator", "stacker"), times("humanoid")
+    share = _range(_values("planner", "not MuJoCo's, of a plan"), 0)
+    _assert_told(
+        "planner.md",
+        f"a plan takes {arm} ms for the arm and {body} for humanoids",
+        f"{share} % of the time of a plan",
+    )
 
 
 def test_the_towers_that_stood_are_those_of_the_scores() -> None:
@@ -483,7 +465,7 @@ def test_the_towers_that_stood_are_those_of_the_scores() -> None:
     strata = json.loads(path.read_text(encoding="utf-8"))["summary"]["planner"]["strata"]
     highest = strata["level_3"]
     told = f"of {highest['episodes']}, {highest['successes']} stood at its end"
-    assert told in _text(_DOCS / "planner.md")
+    _assert_told("planner.md", told)
 
 
 def test_the_table_of_what_can_be_reached_is_the_one_that_was_measured() -> None:
