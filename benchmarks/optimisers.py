@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import pages
 import sources
 import typer
 from report import versions
@@ -192,12 +193,10 @@ def table(entry: _Task) -> list[str]:
     variants = entry["variants"]
     common = set.intersection(*(set(played["episodes"]) for played in variants.values()))
     seeds = sorted(common, key=int)
-    lines = [
-        f"| {len(seeds)} seeds | samples | mean per step | less own | time / own |",
-        "|---|---|---|---|---|",
-    ]
+    columns = [f"{len(seeds)} seeds", "samples", "mean per step", "less own", "time / own"]
     if not seeds:
-        return lines
+        return pages.table(columns, [])
+    rows = []
     per_step, spent = {}, {}
     for variant, played in variants.items():
         episodes = [played["episodes"][seed] for seed in seeds]
@@ -208,12 +207,10 @@ def table(entry: _Task) -> list[str]:
         # 95 % confidence, of the mean of the paired differences.
         half = 1.96 * statistics.stdev(less) / math.sqrt(len(less)) if len(less) > 1 else math.inf
         difference = "" if variant == OWN else f"{statistics.fmean(less):+.3f} ± {half:.3f}"
-        ratio = spent[variant] / spent[OWN]
-        lines.append(
-            f"| {variant} | {variants[variant]['samples']} | {statistics.fmean(means):.3f} "
-            f"| {difference} | {ratio:.2f} |"
-        )
-    return lines
+        samples, ratio = variants[variant]["samples"], spent[variant] / spent[OWN]
+        figures = f"{statistics.fmean(means):.3f}", difference, f"{ratio:.2f}"
+        rows.append([variant, str(samples), *figures])
+    return pages.table(columns, rows)
 
 
 if __name__ == "__main__":

@@ -84,25 +84,20 @@ def measure(domain: str, task: str, episodes: int, zero_returns: Sequence[float]
 
 def _reaches(random: np.random.Generator) -> _Reaches:
     """A predicate: whether a site of the hand can be at a point, at an angle within a tolerance."""
+    return lambda point, forward, angle=None, tilt=np.pi, lateral=0.0: (
+        len(hand_poses(random, point, forward, np.zeros(4), _TRIES, angle, tilt, lateral)) > 0
+    )
 
-    def reaches(
-        point: np.ndarray,
-        forward: float,
-        angle: float | None = None,
-        tilt: float = np.pi,
-        lateral: float = 0.0,
-    ) -> bool:
-        now = np.zeros(4)
-        return len(hand_poses(random, point, forward, now, _TRIES, angle, tilt, lateral)) > 0
 
-    return reaches
+def _raked(place: np.ndarray, reaches: _Reaches) -> bool:
+    behind = place + _BEHIND * [np.sign(place[0]), 1.0]
+    return reaches(behind, TIP_REACH, lateral=TIP_ASIDE)
 
 
 def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool, bool]:
     """Whether the object can be taken (a peg by its handle), whether raked, whether brought."""
     place = places["peg" if task._use_peg else "ball"]
-    outwards = np.sign(place[0])
-    rakes = reaches(place + _BEHIND * [outwards, 1.0], TIP_REACH, lateral=TIP_ASIDE)
+    rakes = _raked(place, reaches)
     if not task._use_peg:
         target = places["target_ball"]
         has_room = bool(np.linalg.norm(target - _BASE) > _BESIDE_BASE)
@@ -133,15 +128,13 @@ def _stacker(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool,
     def from_above(place: np.ndarray) -> bool:
         return reaches(place - _ABOVE * _DOWN, PINCH, down, _STEEP)
 
-    def raked(place: np.ndarray) -> bool:
-        behind = place + _BEHIND * [np.sign(place[0]), 1.0]
-        return reaches(behind, TIP_REACH, lateral=TIP_ASIDE)
-
     target = places["target"]
     half = min(places[box][1] for box in task.boxes)  # of a box, which lies on the floor
     levels = round((target[1] / half - 1) / 2) + 1
     taken = [from_above(places[box]) for box in task.boxes]
-    got = [take or raked(places[box]) for take, box in zip(taken, task.boxes, strict=True)]
+    got = [
+        take or _raked(places[box], reaches) for take, box in zip(taken, task.boxes, strict=True)
+    ]
     return sum(taken) >= levels, sum(got) >= levels, from_above(target)
 
 

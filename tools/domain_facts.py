@@ -27,13 +27,7 @@ _KINDS_OF_JOINTS = {
     int(mujoco.mjtJoint.mjJNT_SLIDE): ("slide", 1, 1),
     int(mujoco.mjtJoint.mjJNT_HINGE): ("hinge", 1, 1),
 }
-_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
-_JOINT_IN_PARENT = int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
-_BODY = int(mujoco.mjtTrn.mjTRN_BODY)
-_OF_JOINTS = int(mujoco.mjtWrap.mjWRAP_JOINT)
-_WITHOUT_BIAS, _AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
-_WITHOUT_DYNAMICS = int(mujoco.mjtDyn.mjDYN_NONE)
+_TRN, _BIAS = mujoco.mjtTrn, mujoco.mjtBias
 
 
 class Observation(NamedTuple):
@@ -195,30 +189,30 @@ def _action(model: mujoco.MjModel, number: int) -> Action:
 def _kind_of_actuator(model: mujoco.MjModel, number: int) -> str:
     """The meaning of a control: a force, or a target position or velocity."""
     bias = int(model.actuator_biastype[number])
-    if int(model.actuator_dyntype[number]) != _WITHOUT_DYNAMICS:
+    if int(model.actuator_dyntype[number]) != mujoco.mjtDyn.mjDYN_NONE:
         return "general"
-    if bias == _WITHOUT_BIAS:
+    if bias == _BIAS.mjBIAS_NONE:
         return "motor"
     _, of_position, of_velocity = model.actuator_biasprm[number, :3]
-    if bias == _AFFINE and of_position:
+    if bias == _BIAS.mjBIAS_AFFINE and of_position:
         return "position"
-    return "velocity" if bias == _AFFINE and of_velocity else "general"
+    return "velocity" if bias == _BIAS.mjBIAS_AFFINE and of_velocity else "general"
 
 
 def _targets(model: mujoco.MjModel, number: int) -> tuple[list[str], bool]:
     """The names of what an actuator acts on, and whether along a line (else about an axis)."""
     target, kind = int(model.actuator_trnid[number, 0]), int(model.actuator_trntype[number])
-    if kind in (_JOINT, _JOINT_IN_PARENT):
+    if kind in (_TRN.mjTRN_JOINT, _TRN.mjTRN_JOINTINPARENT):
         return [model.joint(target).name], _kind_of_joint(model, target)[0] == "slide"
-    if kind == _TENDON:
+    if kind == _TRN.mjTRN_TENDON:
         start, count = int(model.tendon_adr[target]), int(model.tendon_num[target])
         wrapped = range(start, start + count)
-        if all(int(model.wrap_type[i]) == _OF_JOINTS for i in wrapped):
+        if all(int(model.wrap_type[i]) == mujoco.mjtWrap.mjWRAP_JOINT for i in wrapped):
             joints = [int(model.wrap_objid[i]) for i in wrapped]
             are_slides = all(_kind_of_joint(model, joint)[0] == "slide" for joint in joints)
             return [model.joint(joint).name for joint in joints], are_slides
         return [model.tendon(target).name], True
-    if kind == _BODY:
+    if kind == _TRN.mjTRN_BODY:
         return [model.body(target).name], True
     return [model.site(target).name], True
 

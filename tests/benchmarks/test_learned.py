@@ -26,6 +26,12 @@ _NAMES = [f"{one['domain']}-{one['task']}" for one in _RESULTS]
 _PLAYED = {"lqr-lqr_2_1", "cartpole-three_poles", "ball_in_cup-catch", "walker-walk"}
 
 
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scores policies on two seeds."""
+    monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
+
+
 def test_each_bundled_policy_has_a_result() -> None:
     assert [f"{one.domain}-{one.task}" for one in policies.bundled()] == _NAMES
 
@@ -125,10 +131,8 @@ def test_curves_and_figure_are_written_together(
     assert _NAMES[1].replace("-", " ") not in text
 
 
-def test_three_runs_are_scored_and_the_median_one_is_bundled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
+@pytest.mark.usefixtures("few")
+def test_three_runs_are_scored_and_the_median_one_is_bundled(tmp_path: Path) -> None:
     for seed, torque in enumerate((0.0, 0.9, 0.3)):
         _make_run(tmp_path / f"pendulum-swingup-{seed}", seed, torque)
     names = learned.bundle(tmp_path, tmp_path / "pretrained", tmp_path / "results")
@@ -145,10 +149,10 @@ def test_three_runs_are_scored_and_the_median_one_is_bundled(
     assert "pendulum swingup" in learned.section([result])
 
 
+@pytest.mark.usefixtures("few")
 def test_later_runs_join_those_that_were_scored_with_the_same_settings(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
     bundled, out = tmp_path / "pretrained", tmp_path / "results"
     scored, means = learned._scored, [500.0, 400.0, 600.0]  # of the seeds
 
@@ -176,10 +180,8 @@ def test_later_runs_join_those_that_were_scored_with_the_same_settings(
     assert mlp.load(bundled / "pendulum-swingup.safetensors").card.seeds == (0,)
 
 
-def test_runs_of_another_program_have_its_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
+@pytest.mark.usefixtures("few")
+def test_runs_of_another_program_have_its_command(tmp_path: Path) -> None:
     for seed, torque in enumerate((0.0, 0.9, 0.3)):
         folder = tmp_path / f"pendulum-swingup-{seed}"
         _make_run(folder, seed, torque)
@@ -215,10 +217,10 @@ def test_runs_that_differ_in_more_than_their_seeds_are_not_bundled(tmp_path: Pat
     refused(f"{tmp_path / 'walker-walk-0'} is of pendulum swingup: name its folder so")
 
 
+@pytest.mark.usefixtures("few")
 def test_lqr_is_compared_with_the_optimal_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learned, "SEEDS", range(40_000, 40_002))
     # Seconds after which both balls are at rest, where 1,000 control steps take 30.
     monkeypatch.setattr(learned, "_time_limit", lambda *_: 60.0)
     costs, gain = [], np.zeros((1, 4))

@@ -1,6 +1,5 @@
 """Pictures of the bundled policies: how they are made, and those that are committed."""
 
-import struct
 from pathlib import Path
 
 import domain_pages
@@ -11,16 +10,9 @@ import tiles
 from PIL import Image
 
 from limberjack import policies, suite
-from tests.tools import gifs
+from tests.tools.sizes import size_of
 
 _BUNDLED = policies.bundled()
-
-
-def _size_of_png(path: Path) -> tuple[int, int]:
-    header = path.read_bytes()[:24]
-    assert header.startswith(b"\x89PNG")
-    width, height = struct.unpack(">2I", header[16:])
-    return height, width
 
 
 def test_the_committed_pictures_are_of_the_bundled_policies() -> None:
@@ -38,7 +30,7 @@ def test_the_committed_film_has_a_tile_for_each_task_and_is_small() -> None:
     columns = tiles.columns_of(len(_BUNDLED))
     rows = -(-len(_BUNDLED) // columns)
     height, width = tiles.TILE
-    assert gifs.size_of(learned_pictures.FILM) == (rows * height, columns * width)
+    assert size_of(learned_pictures.FILM) == (rows * height, columns * width)
     assert learned_pictures.FILM.stat().st_size <= tiles.MOST_BYTES <= 4_000_000
     page = learned_pictures.FOLDER.parents[1] / "policies.md"
     assert "](images/learned.gif)" in page.read_text(encoding="utf-8")
@@ -51,7 +43,7 @@ def test_the_page_of_a_domain_shows_its_bundled_policies(domain: str) -> None:
     mine = [one for one in _BUNDLED if one.domain == domain]
     height, width = learned_pictures.PICTURE
     path = learned_pictures.FOLDER / f"{domain}.png"
-    assert _size_of_png(path) == (len(mine) * height, 4 * width)
+    assert size_of(path) == (len(mine) * height, 4 * width)
     for one in mine:
         assert one.card.scores is not None
         assert f"{one.task} {one.card.scores.mean:.1f}" in page
@@ -72,7 +64,7 @@ def test_pictures_show_an_episode_of_the_policy(
     (episode,) = learned_pictures.episodes(tmp_path / "learned").values()
     assert episode.seconds == [0.0, 0.08, 0.24, 0.32]
     height, width = tiles.TILE
-    assert gifs.size_of(tmp_path / "learned.gif") == (height, 3 * width)
+    assert size_of(tmp_path / "learned.gif") == (height, 3 * width)
     picture = np.asarray(Image.open(tmp_path / "learned" / "cartpole.png"))
     env = suite.load("cartpole", "swingup", {"random": episode.seed})
     time_step = env.reset()

@@ -9,7 +9,7 @@ import pytest
 import tiles
 
 from limberjack import suite
-from tests.tools import gifs
+from tests.tools.sizes import size_of
 
 
 def test_the_committed_film_has_a_tile_for_each_task_and_is_small() -> None:
@@ -17,7 +17,7 @@ def test_the_committed_film_has_a_tile_for_each_task_and_is_small() -> None:
     columns = tiles.columns_of(len(playing_film.TASKS))
     rows = -(-len(playing_film.TASKS) // columns)
     height, width = tiles.TILE
-    assert gifs.size_of(playing_film.FILM) == (rows * height, columns * width)
+    assert size_of(playing_film.FILM) == (rows * height, columns * width)
     assert playing_film.FILM.stat().st_size <= tiles.MOST_BYTES
 
 
@@ -47,4 +47,4 @@ def test_a_film_has_its_players_and_tiles_that_are_kept_are_not_played_again(
     for _ in range(2):
         playing_film.main(tmp_path / "film.gif", tmp_path / "work", seconds=0.4)
     assert players == [("cartpole", "pretrained", 40_000), ("acrobot", "planner", 1003)]
-    assert gifs.size_of(tmp_path / "film.gif") == (tiles.TILE[0], 2 * tiles.TILE[1])
+    assert size_of(tmp_path / "film.gif") == (tiles.TILE[0], 2 * tiles.TILE[1])

@@ -16,6 +16,7 @@ from tests.rollouts import run_episode
 
 _INTERVAL = 0.025  # seconds; the humanoid's control step
 _LIMIT = 0.25  # seconds; ten steps
+_BEGINS = {"none": idle, "random": viewer.begin_with("random")}
 
 
 @pytest.fixture
@@ -386,8 +387,7 @@ def test_the_episode_after_a_vain_search_for_a_start_is_the_next_one(
 
 
 def test_a_policy_is_switched_within_an_episode_and_goes_on_in_the_next() -> None:
-    begins = {"none": idle, "random": viewer.begin_with("random")}
-    session = Session(_load(), seed=2, policies=begins)
+    session = Session(_load(), seed=2, policies=_BEGINS)
     assert session.policies == ("none", "random")
     session.step()
     assert not session.data.ctrl.any()
@@ -466,8 +466,7 @@ def test_an_error_as_a_policy_begins_is_raised_and_the_one_before_acts_on() -> N
 
 
 def test_choosing_a_policy_after_the_end_begins_no_episode_by_half() -> None:
-    begins = {"none": idle, "random": viewer.begin_with("random")}
-    session = Session(_load(), seed=2, policies=begins)
+    session = Session(_load(), seed=2, policies=_BEGINS)
     for _ in range(10):
         session.step()
     session.choose("random")
@@ -476,8 +475,7 @@ def test_choosing_a_policy_after_the_end_begins_no_episode_by_half() -> None:
 
 
 def test_an_action_by_hand_acts_until_a_policy_is_chosen() -> None:
-    begins = {"none": idle, "random": viewer.begin_with("random")}
-    session = Session(_load("swimmer6", "swimmer"), seed=0, policies=begins)
+    session = Session(_load("swimmer6", "swimmer"), seed=0, policies=_BEGINS)
     names = [actuator.name for actuator in session.actuators()]
     assert len(set(names)) == 5
     given = np.array([0.1, 0.2, -0.3, 0.4, 0.5])

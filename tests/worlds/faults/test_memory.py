@@ -177,7 +177,7 @@ def _batch(task: tuple[str, str], **kwargs: Any) -> Batch:
     return suite.load_batch(*task, _ROWS, 1, _SEED, {"time_limit": _SHORT}, **kwargs)
 
 
-def _assert_equal(batch: Any, singles: list[Any]) -> None:
+def assert_equal(batch: Any, singles: list[Any]) -> None:
     """A time step of a batch has the numbers of those of single environments."""
     for row, one in enumerate(singles):
         assert batch.step_type[row] == one.step_type
@@ -204,10 +204,10 @@ def test_rows_equal_single_environments(
     batch = _batch(task, vectorised=vectorised, **how)
     assert (batch.why_rows is None) is (vectorised is None)
     singles = [_single(task, _SEED + row, **how) for row in range(_ROWS)]
-    _assert_equal(batch.reset(), [one.reset() for one in singles])
+    assert_equal(batch.reset(), [one.reset() for one in singles])
     for actions in _actions(batch, 40):  # of which an episode has 15 or 30, or a third
         steps = [one.step(action) for one, action in zip(singles, actions, strict=True)]
-        _assert_equal(batch.step(actions), steps)
+        assert_equal(batch.step(actions), steps)
 
 
 @pytest.mark.parametrize("vectorised", [None, False], ids=["vectorised", "rows"])
@@ -223,9 +223,9 @@ def test_a_partial_reset_leaves_the_faults_of_other_rows_alone(vectorised: bool 
             found = batch.reset([1])
             steps = [one._replace(reward=0.0) for one in steps]
             steps[1] = singles[1].reset()
-            _assert_equal(found, steps)
+            assert_equal(found, steps)
         steps = [one.step(each) for one, each in zip(singles, action, strict=True)]
-        _assert_equal(batch.step(action), steps)
+        assert_equal(batch.step(action), steps)
 
 
 @pytest.mark.parametrize("vectorised", [None, False], ids=["vectorised", "rows"])
