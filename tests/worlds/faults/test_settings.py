@@ -7,37 +7,33 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.worlds.faults.settings import PRESETS, Delay, Fault, Faults, Noise, Perturbation
+from limberjack.worlds.faults.settings import (
+    PRESETS,
+    Delay,
+    Fault,
+    Faults,
+    Losses,
+    Noise,
+    Perturbation,
+)
 
 
 @pytest.mark.parametrize(
-    ("name", "delay", "rewards", "noise", "loss", "repeated", "dummies"),
+    ("name", "late", "noise", "loss", "repeated", "dummies"),
     [
         # As get_combined_challenge of the Real World RL suite has them.
-        ("easy", 3, 10, 0.1, Fault(0.01, 1), 1, 10),
-        ("medium", 6, 20, 0.3, Fault(0.05, 5), 2, 20),
-        ("hard", 9, 40, 1.0, Fault(0.1, 10), 3, 50),
+        ("easy", Delay(3, 3, 10), 0.1, Fault(0.01, 1), 1, 10),
+        ("medium", Delay(6, 6, 20), 0.3, Fault(0.05, 5), 2, 20),
+        ("hard", Delay(9, 9, 40), 1.0, Fault(0.1, 10), 3, 50),
     ],
 )
 def test_presets_have_the_published_figures(
-    name: str,
-    delay: int,
-    rewards: int,
-    noise: float,
-    loss: Fault,
-    repeated: int,
-    dummies: int,
+    name: str, late: Delay, noise: float, loss: Fault, repeated: int, dummies: int
 ) -> None:
-    found = Faults.of(name)
-    assert (found.delay.actions, found.delay.observations) == (delay, delay)
-    assert found.delay.rewards == rewards
-    assert (found.noise.actions, found.noise.observations) == (noise, noise)
-    assert found.dropped.observations == found.stuck.observations == loss
-    assert found.dropped.actions == found.stuck.actions == Fault()
-    assert found.repetition == Fault(1.0, repeated)
-    assert found.dummies == dummies
-    assert found.clear_at_reset
-    assert found.perturbation == Perturbation(preset=name, schedule="uniform", period=1)
+    losses = Losses(actions=Fault(), observations=loss)
+    perturbed = Perturbation(preset=name, schedule="uniform", period=1)
+    faults = late, Noise(noise, noise), losses, losses, Fault(1.0, repeated), dummies, perturbed
+    assert Faults.of(name) == Faults(*faults, clear_at_reset=True)
 
 
 @pytest.mark.parametrize("name", PRESETS)
