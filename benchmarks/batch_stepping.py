@@ -105,29 +105,22 @@ class Cells:
 
     def doubtful(self) -> list[Cell]:
         """The cells in which a bar was missed, to be measured again under a different load."""
-        rows = {(row.measure, row.subject): row for row in self.rows()}
-        missed = {key[1] for key, row in rows.items() if row.is_met is False}
+        missed = {row.subject for row in self.rows() if row.is_met is False}
         return [cell for cell in self._taken if _subject(cell) in missed]
 
     def rows(self) -> list[Row]:
         """Rows for all measurements so far."""
         rows = []
         for what, ours, bars in (("batch", BATCHED, _BATCH), ("vector", OURS, _VECTOR)):
-            rows += self._rows(f"{what} / MuJoCo alone", ours, BARE, bars, with_means=False)
+            measure = f"{what} / MuJoCo alone"
+            rows += [self._row(measure, cell, ours, BARE, bars) for cell in self._taken]
             rows += self._means(f"{what} / not persistent", ours, _PHYSICS, None)
         if self._peer is not None:
             bars = dict.fromkeys(SIZES, _ENVPOOL)
-            measure, on_all = "vector / EnvPool", "vector / EnvPool on all cores"
-            rows += self._rows(measure, _OURS_BOUND, _THEIRS_BOUND, bars, with_means=True)
-            rows += self._means(on_all, _OURS_FREE, _THEIRS_FREE, None)
-        return rows
-
-    def _rows(
-        self, measure: str, ours: str, theirs: str, bars: dict[int, Bar], with_means: bool
-    ) -> list[Row]:
-        rows = [self._row(measure, cell, ours, theirs, bars) for cell in self._taken]
-        if with_means:
-            rows += self._means(measure, ours, theirs, _ENVPOOL_ON_AVERAGE)
+            measure, sides = "vector / EnvPool", (_OURS_BOUND, _THEIRS_BOUND)
+            rows += [self._row(measure, cell, *sides, bars) for cell in self._taken]
+            rows += self._means(measure, *sides, _ENVPOOL_ON_AVERAGE)
+            rows += self._means(f"{measure} on all cores", _OURS_FREE, _THEIRS_FREE, None)
         return rows
 
     def _means(self, measure: str, ours: str, theirs: str, bar: Bar | None) -> list[Row]:

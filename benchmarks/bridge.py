@@ -177,14 +177,8 @@ def _compared(answers: Sequence[Any]) -> _Row:
         pairs = list(zip(here, there, strict=True))
         first = [np.subtract(a["observation"], b["observation"]) for a, b in pairs]
         states = [np.subtract(a["state"], b["state"]) for a, b in pairs]
-        equal = sum(not state.any() for state in states)
-        starts.append(
-            {
-                "equal": equal,
-                "state": float(np.abs(states).max()),
-                "observation": float(np.abs(first).max()),
-            }
-        )
+        largest = {"state": float(np.abs(states).max()), "observation": float(np.abs(first).max())}
+        starts.append({"equal": sum(not state.any() for state in states), **largest})
     returns = [[episode["return"] for episode in side] for side in (here, *others)]
     return {"returns": returns, "starts": starts}
 

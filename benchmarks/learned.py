@@ -339,11 +339,9 @@ def _listed(values: Iterable[object]) -> str:
 def write_pages(docs: Path = _DOCS) -> None:
     """Writes the table of the bundled policies and the figures of the recipe into their pages."""
     found = results()
-    for page, name, text in (
-        ("policies.md", "bundled policies", section(found)),
-        ("training.md", "recipe", recipe(found)),
-    ):
-        pages.write_section(docs / page, name, "learned.py", text)
+    bundled = docs / "policies.md", "bundled policies", "learned.py"
+    pages.write_section(*bundled, section(found))
+    pages.write_section(docs / "training.md", "recipe", "learned.py", recipe(found))
 
 
 def known_curves(found: Iterable[_Result]) -> str:

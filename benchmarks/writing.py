@@ -12,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from unittest import mock
 
 import pyarrow.parquet as pq
@@ -49,6 +49,11 @@ class Effort:
 _QUICK = Effort(turns=1, units=2, parts=50)
 
 
+def _collect(folder: str, episodes: int, **how: Any) -> None:  # Any: of `data.collect`
+    domain, task, seconds = _TASK
+    data.collect(domain, task, "random", range(episodes), out=folder, time_limit=seconds, **how)
+
+
 def _messages(effort: Effort) -> Row:
     """Bytes of a unit through the driver, there and back, once the worker knows the task."""
     sizes: list[int] = []
@@ -63,14 +68,12 @@ def _messages(effort: Effort) -> Row:
         sizes[-1] += len(message)
         return message
 
-    domain, task, seconds = _TASK
     with (
         tempfile.TemporaryDirectory() as folder,
         mock.patch.object(pool, "write_message", writing),
         mock.patch.object(pool, "read_message", reading),
     ):
-        how = {"out": folder, "time_limit": seconds, "workers": 1}
-        data.collect(domain, task, "random", range(64 * effort.units), **how)
+        _collect(folder, 64 * effort.units, workers=1)
         files = sum(path.stat().st_size for path in (Path(folder) / "episodes").iterdir())
     units = sizes[1:]  # the first one brings the setup
     kilobytes, through = max(units) / 1e3, files / 1e3 / effort.units
@@ -118,11 +121,9 @@ def _counted(out: Path, recipe: Recipe, parts: int) -> float:
 
 def _resumed(out: Path, recipe: Recipe, parts: int) -> float:
     """Seconds to find parts that are there: one is opened, the others are only listed."""
-    domain, task, seconds = _TASK
     (out / PARTS).mkdir(exist_ok=True)
-    how = {"time_limit": seconds, "num_threads": 1}
     with tempfile.TemporaryDirectory() as one:
-        data.collect(domain, task, "random", range(1), out=one, **how)
+        _collect(one, 1, num_threads=1)
         content = (Path(one) / "episodes" / file_name(range(1))).read_bytes()
     (out / PARTS / file_name(range(1), ENDING)).write_bytes(content)
     for seed in range(1, parts):
@@ -136,10 +137,8 @@ def _resumed(out: Path, recipe: Recipe, parts: int) -> float:
 
 def _footers(effort: Effort) -> Row:
     """The footer's share of a file of short episodes, in percent."""
-    domain, task, seconds = _TASK
     with tempfile.TemporaryDirectory() as folder:
-        seeds = range(64 * effort.units)
-        data.collect(domain, task, "random", seeds, out=folder, time_limit=seconds)
+        _collect(folder, 64 * effort.units)
         (path,) = (Path(folder) / "episodes").iterdir()
         footer, size = pq.read_metadata(path).serialized_size, path.stat().st_size
     share = 100 * footer / size

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.worlds.appearance.options import INTENSITIES, PRESETS, Appearance, level
+from limberjack.worlds.appearance.options import INTENSITIES, PRESETS, Appearance
 
 
 def test_names_stand_for_the_published_scales() -> None:
@@ -130,10 +130,6 @@ def test_a_hash_of_files_is_a_text() -> None:
     assert "files" not in Appearance.of({"colors": 0.1, "files": "0f"}).as_json()
     with pytest.raises(TypeError, match="files is 3; expected a SHA-256 as text"):
         Appearance.of({"files": 3})
-
-
-def test_level_of_nothing_is_zero() -> None:
-    assert (level(None), level(0.2)) == (0.0, 0.2)
 
 
 @pytest.mark.parametrize(
