@@ -560,12 +560,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("known == list(range(known[0], known[0] + len(known)))", "known"),
     ],
     "see/report/chart.py": [
-        ("heights[number + 1 :] if", "heights if"),
-        ("_DASH * len(above)\n", "0.0\n"),
-        ("is_alone = ~touches", "is_alone = touches"),
-        ("left=np.nan, right=np.nan", ""),
         ('float(f"{count * step:.12g}")', "round(count * step, 12)"),
-        ("(at if line.at is None else line.at) / until", "at / until"),
+        ("(at if line.at is None else line.at)[kept]", "at[kept]"),
     ],
     "see/report/labels.py": [
         ("with stand_in(environment.task, physics):", "if True:"),

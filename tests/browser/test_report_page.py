@@ -148,18 +148,6 @@ def test_a_name_below_a_chart_shows_its_line_alone(page: Page) -> None:
         assert set(page.evaluate(opacities)) == {"0.8"}
 
 
-def test_lines_that_hide_each_other_are_dashed_in_turn(page: Page) -> None:
-    # The reward of random actions is 0, as are some of its terms and the touch sensors.
-    dashes = page.evaluate(
-        "[...document.querySelectorAll('polyline.c0')]"
-        ".map(line => getComputedStyle(line).strokeDasharray).filter(dash => dash !== 'none')"
-    )
-    assert dashes
-    for dash in dashes:
-        length, gap = (float(part.strip().removesuffix("px")) for part in dash.split(","))
-        assert gap % length == 0
-
-
 @pytest.mark.parametrize("width", [1280, 360])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_fits_its_window(page: Page, width: int, scheme: str, tmp_path: Path) -> None:

@@ -77,54 +77,12 @@ def test_lines_have_names_unless_they_are_very_many() -> None:
     assert "<li " not in line_chart("very many", seconds, lines)
 
 
-def _dashes(chart: str) -> list[tuple[float, float, float] | None]:
-    """Length, gap and start of the dashes of each line, the upper lines first."""
-    found = []
-    for line in reversed(re.findall(r"<polyline[^>]*>", chart)):
-        dash = re.search(r'dasharray="(\S+) (\S+)" stroke-dashoffset="(\S+)"', line)
-        found.append(None if dash is None else (float(dash[1]), float(dash[2]), -float(dash[3])))
-    return found
-
-
-def test_lines_that_lie_on_top_of_each_other_can_all_be_seen() -> None:
-    seconds = np.linspace(0, 10, 50)
-    same = [Line(name, np.sin(seconds)) for name in ("reward", "first term", "second term")]
-    apart = Line("apart", np.cos(seconds))
-    upper, middle, lower, other = _dashes(line_chart("Reward", seconds, [*same, apart]))
-    assert lower is None
-    assert other is None
-    assert upper is not None
-    assert middle is not None
-    length, gap, start = upper
-    # Each shows a third, one after the other.
-    assert (gap, start) == (2 * length, 0)
-    assert middle == (length, gap, length)
-
-
-def test_a_dashed_line_is_whole_where_it_touches_no_other() -> None:
-    seconds = np.arange(101.0)
-    upper = np.where(seconds < 60, 0.0, 1.0)
-    chart = line_chart("x", seconds, [Line("upper", upper), Line("lower", np.zeros(101))])
-    assert [dash is None for dash in _dashes(chart)] == [False, True]
-    (path,) = re.findall(r'<path class="c0" d="M([^"]*)"', chart)
-    drawn = [float(point.split(",")[0]) for point in path.split(" L")]
-    assert (min(drawn), max(drawn)) == (600, 1000)
-    same = line_chart("x", seconds, [Line("upper", upper), Line("lower", upper)])
-    assert "<path" not in same
-
-
-def test_lines_of_different_samples_are_compared_where_they_are_drawn() -> None:
+def test_lines_of_different_samples_are_drawn_at_their_own() -> None:
     ends = np.array([0.0, 100.0])
-    few, many = steps_of("few", [0.0, 0.0]), steps_of("many", [0.0] * 9 + [5.0])
-    assert [dash is None for dash in _dashes(line_chart("x", ends, [few, many]))] == [False, True]
-    crossing = [Line("up", np.array([0.0, 1.0])), Line("down", np.array([1.0, 0.0]))]
-    assert _dashes(line_chart("x", np.array([0.0, 1.0]), crossing)) == [None, None]
-    # The short one ends before the other comes to its height.
-    ends = np.array([1.0, 1.0, np.nan, np.nan, np.nan])
-    later = [Line("short", ends), Line("long", np.array([0.0, 0.0, 1.0, 1.0, 1.0]))]
-    assert _dashes(line_chart("x", np.arange(5.0), later)) == [None, None]
-    gone = [Line("here", np.ones(3)), Line("nowhere", np.full(3, np.nan))]
-    assert _dashes(line_chart("x", np.arange(3.0), gone)) == [None, None]
+    few, many = steps_of("few", [0.0, 0.0]), steps_of("many", [0.0] * 4)
+    upper, lower = _points(line_chart("x", ends, [many, few]))
+    assert [x for x, _ in upper] == [0, 500, 500, 1000]
+    assert [x for x, _ in lower] == [0, 250, 250, 500, 500, 750, 750, 1000]
 
 
 def test_steps_show_each_value_over_its_share() -> None:

@@ -4,8 +4,8 @@
 
 The lines stretch with the page; the text beside them is HTML and does not. Colours and sizes are
 the page's (`page.html`). Lines of many samples are thinned to the resolution of a screen, and keep
-their peaks. Where lines lie on top of each other, the upper ones are dashed there, so that all
-of them can be seen.
+their peaks. Where lines lie on top of each other, the page shows the one alone whose name the
+pointer is at.
 """
 
 import html
@@ -26,10 +26,6 @@ _COLOURS = 8  # of the page; more lines are drawn in shades
 _MOST_NAMED = 64  # lines in a legend; more than these cannot be distinguished
 _MARGIN = 0.05  # of the range, above and below the lines
 _LARGEST, _NARROWEST = 1e300, 1e-300  # of values and of ranges, whose ticks are numbers
-_DASH = 7.0  # pixels
-_GRID = 401  # points at which lines are compared; the dashes are coarser
-_TOUCHING = 0.005  # of the chart's height; lines nearer than this hide each other
-_HIDDEN = 0.1  # share of a line that others may hide before it is drawn between their dashes
 
 
 class Line(NamedTuple):
@@ -130,35 +126,19 @@ def _drawn(at: np.ndarray, until: float, lines: Sequence[Line], low: float, high
     The first line is the one that matters: it is drawn last, above the others.
     """
     buckets = max(_FEWEST_BUCKETS, min(_BUCKETS, _ALL_BUCKETS // max(len(lines), 1)))
-    heights = [(line.values - low) / (high - low) for line in lines]
-    x_of = [(at if line.at is None else line.at) / until for line in lines]
-    covered: list[_Covered | None] = [None] * len(lines)
-    if len(lines) <= _COLOURS:
-        covered = _covered([_resampled(x, y) for x, y in zip(x_of, heights, strict=True)])
     drawn = []
     for number, line in enumerate(lines):
-        kept, own = thinned(line.values, buckets), covered[number]
-        x = x_of[number][kept]
+        kept = thinned(line.values, buckets)
+        x = (at if line.at is None else line.at)[kept] / until
+        heights = (line.values[kept] - low) / (high - low)
         # Values are read off lines with names, so these are drawn more finely.
         digits = 2 if len(lines) <= _MOST_NAMED else 1
         points = [
             f"{_WIDTH * a:.1f},{_HEIGHT * (1 - b):.{digits}f}"
-            for a, b in zip(x, heights[number][kept], strict=True)
+            for a, b in zip(x, heights, strict=True)
         ]
-        look = _look(number, len(lines))
-        dash = "" if own is None else own.dash
-        drawn.append(
-            f'<polyline {look}{dash} points="{" ".join(points)}"/>\n'
-            f"{'' if own is None else _alone(look, x, points, own.touches)}"
-        )
+        drawn.append(f'<polyline {_look(number, len(lines))} points="{" ".join(points)}"/>\n')
     return "".join(reversed(drawn))
-
-
-class _Covered(NamedTuple):
-    """The drawing of a line that would hide others."""
-
-    dash: str  # attributes
-    touches: np.ndarray  # (_GRID,) booleans: where it lies on or under another line
 
 
 def _look(number: int, count: int) -> str:
@@ -166,52 +146,6 @@ def _look(number: int, count: int) -> str:
     if count <= _COLOURS:
         return f'class="c{number}"'
     return f'class="shade" style="--hue: {round(300 * number / count)}"'
-
-
-def _covered(heights: Sequence[np.ndarray]) -> list[_Covered | None]:
-    """The drawing of each line that would hide others; None for a line that is drawn whole.
-
-    Of k lines on top of each other the lowest is whole, and each of the others shows one dash of k.
-    """
-    found: list[_Covered | None] = [None] * len(heights)
-    for number, own in enumerate(heights):
-        above = [other for other in heights[:number] if _hides(other, own)]
-        below = [other for other in heights[number + 1 :] if _hides(own, other)]
-        if below:
-            gap, offset = _DASH * (len(below) + len(above)), _DASH * len(above)
-            dash = f' stroke-dasharray="{_DASH:g} {gap:g}" stroke-dashoffset="{-offset:g}"'
-            touches = np.any([_touches(own, other) for other in above + below], axis=0)
-            found[number] = _Covered(dash, touches)
-    return found
-
-
-def _alone(look: str, x: np.ndarray, points: Sequence[str], touches: np.ndarray) -> str:
-    """A path over the parts of a dashed line that touch no other line, which is whole there."""
-    is_alone = ~touches[np.clip(np.rint(x * (_GRID - 1)).astype(int), 0, _GRID - 1)]
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], is_alone, [False]])))
-    runs = (points[first:end] for first, end in ends.reshape(-1, 2))
-    drawn = "".join(f"M{' L'.join(run)}" for run in runs if len(run) > 1)
-    return f'<path {look} d="{drawn}"/>\n' if drawn else ""
-
-
-def _resampled(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """A line's heights at equal distances from left to right; NaN where it is not drawn."""
-    finite = np.isfinite(y)
-    if not finite.any():
-        return np.full(_GRID, np.nan)
-    grid = np.linspace(0.0, 1.0, _GRID)
-    return np.interp(grid, x[finite], y[finite], left=np.nan, right=np.nan)
-
-
-def _touches(own: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The points of the grid at which two lines cannot be distinguished; NaN touches nothing."""
-    return abs(own - other) < _TOUCHING
-
-
-def _hides(upper: np.ndarray, lower: np.ndarray) -> bool:
-    """Whether a line lies on a good part of another."""
-    shown = np.isfinite(upper) & np.isfinite(lower)
-    return bool(shown.any()) and float(_touches(upper, lower)[shown].mean()) > _HIDDEN
 
 
 def _ticks(low: float, high: float, intervals: int) -> Iterator[float]:
