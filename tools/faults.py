@@ -664,7 +664,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            physics.forward()\n", ""),
         ("pixels or dataset.recipe.kept.pixels or Pixels()", "pixels or Pixels()"),
     ],
-    "cli/record.py": [("failures = (DepartedError, ImportError", "failures = (ImportError")],
+    "cli/record.py": [("return DepartedError, ImportError", "return ImportError")],
     "see/report/page.py": [(' if entry["return"] is not None)\n    mean', ")\n    mean")],
     "cli/view.py": [
         ('repr(time_limit).removesuffix(".0")', 'f"{time_limit:g}"'),

@@ -24,11 +24,9 @@ def _shown(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def test_without_a_terminal_nothing_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.show_film() as show:
-        show(10, 10, 1.5)
     with progress.show_parts() as show:
         show("a part", 1, 2)
-    with progress.show_steps() as steps:
+    with progress.show_steps("training") as steps:
         steps.show(1, 2, 3.0)
     assert capsys.readouterr() == ("", "")
 
@@ -37,13 +35,13 @@ def test_without_a_terminal_nothing_is_shown(capsys: pytest.CaptureFixture[str])
 def test_a_bar_over_a_film_has_its_return_and_the_time_left(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with progress.show_film() as show:
-        show(0, 10, 0.0)
+    with progress.show_steps("filming") as film:
+        film.show(0, 10, 0.0)
         time.sleep(0.15)
-        show(5, 10, 1.25)
-        show(6, 10, 99.0)  # too soon to be shown
+        film.show(5, 10, 1.25)
+        film.show(6, 10, 99.0)  # too soon to be shown
         time.sleep(0.15)
-        show(10, 10, 7.5)
+        film.show(10, 10, 7.5)  # the last one
     shown = _shown(capsys)
     assert shown[0].startswith("loading")
     assert any(line.startswith("filming") and "return 1.2" in line for line in shown)
@@ -55,7 +53,7 @@ def test_a_bar_over_a_film_has_its_return_and_the_time_left(
 def test_a_bar_over_steps_has_the_last_return_and_the_time_left(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with progress.show_steps() as steps:
+    with progress.show_steps("training") as steps:
         assert steps.finished is None
         steps.show(500, 1000, 12.5)  # as a run that continues
         time.sleep(0.15)

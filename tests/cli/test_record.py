@@ -258,7 +258,7 @@ def test_without_opengl_it_is_one_line_and_status_1(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("limberjack: no film.mp4: ")
+    assert done.stderr.endswith("; film.mp4 is not written\n")
     assert "MUJOCO_GL" in done.stderr
     assert done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
@@ -348,7 +348,7 @@ def test_a_damaged_picture_of_the_background_is_named_in_one_line(tmp_path: Path
     done = _invoke(*_WALK, *_SIZE, "--appearance", appearance, "--out", tmp_path / "film.gif")
     assert done.exit_code == 1
     assert re.fullmatch(
-        r"limberjack: no .*film\.gif: the picture .*2\.png cannot be .*\n", done.stderr
+        r"limberjack: the picture .*2\.png cannot be .*; .*film\.gif is not written\n", done.stderr
     )
     assert list(tmp_path.iterdir()) == [pictures]
 
@@ -367,14 +367,14 @@ def test_an_episode_of_a_dataset_is_filmed(tmp_path: Path) -> None:
     [
         (
             [],
-            "got no task; expected DOMAIN TASK, --env MODULE:FUNCTION, or --from DIR of a dataset",
+            "got no task; expected DOMAIN TASK, or --env MODULE:FUNCTION",
         ),
         (
             ["pendulum", "--from", "data"],
-            "leave out DOMAIN TASK, --policy, --action-repeat, --faults, --appearance, ",
+            "got DOMAIN beside --from data, which has the episode: leave it out",
         ),
-        (["--from", "data", "--action-repeat", "1"], "leave out DOMAIN TASK"),
-        (["--from", "data", "--rows", "2"], "leave out DOMAIN TASK"),
+        (["--from", "data", "--action-repeat", "1"], "got --action-repeat beside --from data"),
+        (["--from", "data", "--rows", "2"], "got --rows beside --from data"),
         (["--from", "data"], "data is no folder"),
     ],
 )
@@ -408,7 +408,7 @@ def test_an_episode_of_a_dataset_that_is_another_one_here_is_one_line(
     film = tmp_path / "film.gif"
     result = _invoke("record", "--from", tmp_path, *_SIZE, "--out", film)
     assert result.exit_code == 1
-    assert result.stderr == f"limberjack: no {film}: the episode has other rewards\n"
+    assert result.stderr == f"limberjack: the episode has other rewards; {film} is not written\n"
 
 
 @pytest.mark.usefixtures("pictures")

@@ -139,18 +139,21 @@ def misuse_reported() -> Iterator[None]:
 
 
 class Progress(Protocol):
-    """Shows the progress of episodes; `limberjack.cli.progress.Units` is one."""
+    """Shows the progress of episodes; `Units` and `Steps` of `limberjack.cli.progress` do."""
 
-    finished: int | None  # episodes; None before the first one has begun
+    finished: int | None  # episodes or steps; None before the first one has begun
 
 
 @contextlib.contextmanager
-def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[None]:
+def failures_reported(
+    progress: Progress, done: Callable[[], str], failures: tuple[type[Exception], ...] = ()
+) -> Iterator[None]:
     """Turns an error or interrupt while episodes are played into one line and an exit status.
 
     Args:
       progress: an error before the first episode has begun is a mistake on the command line.
       done: the number of episodes that are complete, and how to continue, in words.
+      failures: errors that are no such mistake.
     """
     from limberjack.episodes.manifest import DamagedError
     from limberjack.policies import PolicyError
@@ -164,8 +167,9 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
         complain(f"interrupted: {done()}")
         raise typer.Exit(INTERRUPTED) from None
     except Exception as error:
-        begun = progress.finished is not None
+        begun = progress.finished is not None or isinstance(error, failures)
         expected = (PolicyError, PhysicsError, WorkError, SetError, DamagedError, OSError)
+        expected = (*expected, *failures)
         if isinstance(error, expected if begun else (*expected, ValueError)):
             sentence = worded(error)
         else:

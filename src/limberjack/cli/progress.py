@@ -1,13 +1,10 @@
 """Progress bars on standard error; nothing is shown where that is not a terminal.
 
-with show_film() as show:
-    show(steps, step_limit, total)   # after each step
-
 with show_units() as progress:       # or units_reported, which turns failures into one line
     progress.begin(300)
     evaluate(..., on_progress=progress.show, on_state=progress.show_state)
 
-with show_steps() as progress:
+with show_steps("training") as progress:
     train(..., on_progress=progress.show)
 
 with show_parts() as show:
@@ -32,7 +29,6 @@ __all__ = [
     "Steps",
     "Units",
     "progress_bar",
-    "show_film",
     "show_parts",
     "show_steps",
     "show_units",
@@ -61,29 +57,6 @@ def progress_bar(
         transient=True,
         auto_refresh=auto_refresh,
     )
-
-
-@contextlib.contextmanager
-def show_film() -> Iterator[Callable[[int, int, float], None]]:
-    """A bar over the steps of a film, with the running return and the time left.
-
-    It is updated by a call with the steps so far, those of the film, and the return so far.
-    """
-    columns = "return {task.fields[total_return]:.1f}", rich.progress.TimeRemainingColumn()
-    with progress_bar(*columns) as bar:
-        task = bar.add_task("loading", total=None, total_return=0.0)
-        updated = 0.0
-
-        def show(steps: int, step_limit: int, total: float) -> None:
-            nonlocal updated
-            now = time.monotonic()
-            if bar.disable or (now < updated + _UPDATE and steps != step_limit):
-                return
-            updated = now
-            fields = {"description": "filming", "total_return": total}
-            bar.update(task, total=step_limit, completed=steps, **fields)
-
-        yield show
 
 
 class Units:
@@ -168,15 +141,16 @@ def units_reported(done: Callable[[Units], str]) -> Iterator[Units]:
 
 
 class Steps:
-    """A bar over the control steps of a training, with the last return and the time left.
+    """A bar over the control steps of a training or a film, with a return and the time left.
 
     Attributes:
-      steps: of the run.
-      finished: those that were taken, in earlier calls too; None before the run goes on.
+      steps: all of them.
+      finished: those that were taken, in earlier calls too; None before the first one.
     """
 
-    def __init__(self, bar: rich.progress.Progress) -> None:
-        """Adds the steps to a bar that is shown."""
+    def __init__(self, bar: rich.progress.Progress, what: str) -> None:
+        """Adds the steps of what is done to a bar that is shown."""
+        self._what = what
         self.steps = 0
         self.finished: int | None = None
         self._bar = bar
@@ -184,23 +158,23 @@ class Steps:
         self._task = bar.add_task("loading", total=None, mean=0.0)
 
     def show(self, finished: int, steps: int, mean: float) -> None:
-        """Shows progress; `mean` is the last return without exploration."""
+        """Shows progress; `mean` is the return so far, or the last one without exploration."""
         is_first, self.finished, self.steps = self.finished is None, finished, steps
         now = time.monotonic()
-        if self._bar.disable or now < self._updated + _UPDATE:
+        if self._bar.disable or (now < self._updated + _UPDATE and finished != steps):
             return
         self._updated = now
         if is_first:  # the time left is not that of a run that took all steps just now
-            self._bar.reset(self._task, total=steps, completed=finished, description="training")
+            self._bar.reset(self._task, total=steps, completed=finished, description=self._what)
         self._bar.update(self._task, completed=finished, mean=mean)
 
 
 @contextlib.contextmanager
-def show_steps() -> Iterator[Steps]:
-    """A bar over the steps of a training while the context lasts."""
+def show_steps(what: str) -> Iterator[Steps]:
+    """A bar over the steps of a training or a film while the context lasts."""
     columns = "return {task.fields[mean]:.1f}", rich.progress.TimeRemainingColumn()
     with progress_bar("{task.percentage:.0f} %", *columns) as bar:
-        yield Steps(bar)
+        yield Steps(bar, what)
 
 
 @contextlib.contextmanager

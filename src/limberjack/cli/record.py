@@ -1,9 +1,8 @@
 """`limberjack record`: a film of an episode, of several side by side, or of a recorded one."""
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,19 +20,15 @@ from limberjack.cli.options import (
     camera_named,
     function_named,
     named_environment,
+    refuse_beside,
     world_named,
 )
-from limberjack.cli.output import (
-    FAILED,
-    INTERRUPTED,
-    MISUSED,
-    complain,
-    remarks_reported,
-    search_working_directory,
-    users_failure,
-    worded,
-)
-from limberjack.cli.progress import show_film
+from limberjack.cli.output import failures_reported, remarks_reported, search_working_directory
+from limberjack.cli.progress import show_steps
+
+if TYPE_CHECKING:
+    from limberjack.data import Dataset
+    from limberjack.workers.factories import Make
 
 __all__: list[str] = []
 
@@ -94,34 +89,34 @@ def _record(
     With --rows it films a batch; --height and --width are then those of all pictures together. The
     file is written completely or not at all.
     """
-    from limberjack.episodes.films import View
+    from limberjack.episodes import films
 
-    view = View(height=height, width=width, overlay=overlay, visualize_reward=visualize_reward)
+    view = films.View(
+        height=height, width=width, overlay=overlay, visualize_reward=visualize_reward
+    )
     if camera is not None:
         view["camera"] = camera_named(camera)
     search_working_directory(policy)
-    with remarks_reported(), _failures_reported(out) as show:
+    with (
+        remarks_reported(),
+        show_steps("filming") as progress,
+        failures_reported(progress, lambda: f"{out} is not written", _failures()),
+    ):
         if dataset is not None:
-            given = (domain, task, seconds, action_repeat, faults, appearance)
-            if any(one is not None for one in given) or policy != "zero" or rows > 1:
-                raise ValueError(
-                    f"--from {dataset} has the task, the policy and the length of the episode: "
-                    "leave out DOMAIN TASK, --policy, --action-repeat, --faults, --appearance, "
-                    "--seconds and --rows"
-                )
-            from limberjack import data
-
-            make = None if env is None else function_named(env)
-            path = data.film(data.load(dataset), seed, make, out=out, on_progress=show, **view)
+            others = {
+                "DOMAIN": domain,
+                "--policy": None if policy == "zero" else policy,
+                "--seconds": seconds,
+                "--rows": None if rows == 1 else rows,
+                "--action-repeat": action_repeat,
+                "--faults": faults,
+                "--appearance": appearance,
+            }
+            recorded, make = _recorded(dataset, env, others)
+            how = {"out": out, "on_progress": progress.show}
+            path = films.film(recorded, seed, make, **how, **view)
         else:
-            if domain is None and env is None:
-                raise ValueError(
-                    "got no task; expected DOMAIN TASK, --env MODULE:FUNCTION, or --from DIR of a "
-                    "dataset. `limberjack list` shows all tasks"
-                )
-            from limberjack.episodes.films import record
-
-            path = record(
+            path = films.record(
                 *named_environment(domain, task, env),
                 out=out,
                 policy=policy,
@@ -130,45 +125,26 @@ def _record(
                 rows=rows,
                 action_repeat=action_repeat,
                 world=world_named(env, faults, appearance),
-                on_progress=show,
+                on_progress=progress.show,
                 **view,
             )
     typer.echo(path)
 
 
-@contextlib.contextmanager
-def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]]:
-    """Turns an error or interrupt into one line and an exit status; yields a progress function.
+def _recorded(
+    dataset: str, env: str | None, others: Mapping[str, object]
+) -> "tuple[Dataset, Make | None]":
+    """A dataset, and the function of --env; raises ValueError if there are other options."""
+    refuse_beside(others, f"--from {dataset}, which has the episode: leave it out")
+    from limberjack import data
 
-    Before the episode has begun, an error is a mistake on the command line; later it is one of the
-    policy or the task.
-    """
+    return data.load(dataset), None if env is None else function_named(env)
+
+
+def _failures() -> tuple[type[Exception], ...]:
+    """Errors that are no mistakes on the command line, before the episode has begun either."""
     from limberjack.episodes.films import DepartedError
     from limberjack.mujoco.camera import RenderingError
-    from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
 
-    begun = False
-
-    def show(steps: int, limit: int, total: float) -> None:
-        nonlocal begun
-        begun = True
-        show_step(steps, limit, total)
-
-    try:
-        with show_film() as show_step:
-            yield show
-    except KeyboardInterrupt:
-        complain(f"interrupted: {path} is not written")
-        raise typer.Exit(INTERRUPTED) from None
-    except Exception as error:
-        failures = (DepartedError, ImportError, OSError, PhysicsError, RenderingError)
-        failed = begun or isinstance(error, failures)
-        is_known = isinstance(error, (*failures, PolicyError)) or (
-            isinstance(error, ValueError) and not begun
-        )
-        sentence = worded(error) if is_known else users_failure(error)
-        if sentence is None:
-            raise
-        complain(f"no {path}: {sentence}" if failed else sentence)
-        raise typer.Exit(FAILED if failed else MISUSED) from None
+    return DepartedError, ImportError, OSError, PhysicsError, RenderingError

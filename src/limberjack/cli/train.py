@@ -87,7 +87,7 @@ def _train(
     with (
         reading_reported("train"),
         remarks_reported(),
-        show_steps() as progress,
+        show_steps("training") as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):
         from limberjack.training import train
