@@ -90,10 +90,10 @@ def test_a_text_of_something_else_is_refused(text: str, message: str, tmp_path: 
         ({"name": "/etc/passwd"}, "a file is named '/etc/passwd'"),
         ({"name": None}, "a file is named None"),
         ({"name": "seeds-0000000001-0000000064.parquet"}, "a file is named 'seeds-0000000001"),
-        ({"rows": "many"}, "'many' rows"),
-        ({"bytes": 1.5}, "1.5 bytes"),
+        ({"rows": "many"}, "expected a whole number"),
+        ({"bytes": 1.5}, "expected a whole number"),
         ({"sha256": "0"}, "SHA-256 '0'"),
-        ({"sha256": 0}, "SHA-256 0"),
+        ({"sha256": 0}, "expected a text"),
     ],
 )
 def test_a_forged_manifest_is_refused(

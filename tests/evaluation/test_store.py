@@ -353,18 +353,18 @@ _LIMITED = {**_OURS, "time_limit": 25.0, "control_timestep": 0.025}
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"length": -3}, "length is -3; expected a number of steps from 1 on"),
-        ({"length": 0}, "length is 0; expected a number of steps from 1 on"),
-        ({"length": 1001}, "length is 1001; expected at most 1000, the steps of the time limit"),
-        ({"length": 10**9}, "length is 1000000000; expected at most 1000"),
+        ({"length": -3}, "length is -3; expected a whole number from 0 on"),
+        ({"length": 0}, "length is 0; expected from 1 to 1000, the steps of the time limit"),
+        ({"length": 1001}, "length is 1001; expected from 1 to 1000"),
+        ({"length": 10**9}, "length is 1000000000; expected from 1 to 1000"),
         ({"length": 10**400}, "length is 1000000"),
-        ({"length": 10.0}, "length is 10.0; expected a number of steps"),
-        ({"seed": -1}, "seed is -1; expected a number from 0 to 4294967295"),
+        ({"length": 10.0}, "length is 10.0; expected a whole number"),
+        ({"seed": -1}, "seed is -1; expected a whole number from 0 on"),
         ({"seed": 2**32}, "seed is 4294967296; expected"),
         ({"total": float("inf")}, "total is inf; expected a finite number"),
         ({"final_reward": float("nan")}, "final_reward is nan; expected a finite number"),
         ({"policy": "x" * 5000, "total": "x" * 5000}, "total is 'xxx"),
-        ({"more": 1}, "it has 'more'"),
+        ({"more": 1}, "entries ['more'] are missing or unknown"),
     ],
 )
 def test_a_value_that_no_episode_has_is_refused_with_file_line_and_value(

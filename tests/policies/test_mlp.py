@@ -201,12 +201,11 @@ _CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"layout": (("a", (4,)), ("a", (5,)))}, "its layout has 9 numbers, with the names .'a', 'a'."),
     ({"layout": (("a", (8,)),)}, "sizes .9, 16, 8, 3., with 8 observations and 3 actions"),
     ({"layout": (("a", (2**62,) * 30),)}, "its layout has"),
-    ({"layout": (("a", (1,) * 60),)}, "its layout is"),
     ({"layout": (("a", (-9,)),)}, "its layout is"),
     ({"low": (0.0,)}, "with 9 observations and 1 actions"),
     ({"low": (0.0, 0.5, 0.0)}, "its actions have bounds"),
-    ({"high": (float("nan"), 1.0, 1.0)}, "its high is .*expected finite numbers"),
-    ({"high": (float("inf"), 1.0, 1.0)}, "its high is .*expected finite numbers"),
+    ({"high": (float("nan"), 1.0, 1.0)}, "its high is .*expected a finite number"),
+    ({"high": (float("inf"), 1.0, 1.0)}, "its high is .*expected a finite number"),
     ({"high": (10**400, 1.0, 1.0)}, "its high is"),
     ({"activation": "gelu"}, "its activation is 'gelu'; expected one of relu, relu6"),
     ({"activation": None}, "its activation is None"),
@@ -220,7 +219,6 @@ _CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"mean": (0.0,) * 9, "scale": (0.0,) * 9}, "its scale has numbers that are not positive"),
     ({"clip": 10.0}, "its clip is 10.0; expected a positive number, with a mean"),
     ({"domain": 3}, "its domain is 3"),
-    ({"domain": "w" * 201}, r"its domain is 'www.*\.\.\."),
     ({"command": "x" * 20_000}, r"its command is 'xxx.*\.\.\."),
     ({"steps": -1}, "its steps is -1"),
     ({"seeds": (0.5,)}, r"its seeds is .0\.5"),
@@ -248,13 +246,11 @@ def test_a_card_that_does_not_fit_is_refused_as_it_is_saved_and_as_it_is_loaded(
 
 def test_a_card_with_arrays_says_what_to_give_instead() -> None:
     bounds: Any = np.zeros(3), (np.float32(0),) * 3
-    for low, message in zip(
-        bounds, ("a list of up to", "numbers, such as array.tolist"), strict=True
-    ):
-        with pytest.raises(ValueError, match=f"its low is .*: expected {message}"):
+    for low, message in zip(bounds, ("a list, such", "a finite number, such"), strict=True):
+        with pytest.raises(ValueError, match=f"its low is .*; expected {message} as array.tolist"):
             mlp.Mlp(_LAYERS, dataclasses.replace(_CARD, low=low))
     repeat: Any = np.int64(2)
-    with pytest.raises(ValueError, match=r"its action_repeat is .*: .*such as array\.tolist"):
+    with pytest.raises(ValueError, match=r"its action_repeat is .*; .*such as array\.tolist"):
         mlp.Mlp(_LAYERS, dataclasses.replace(_CARD, action_repeat=repeat))
 
 

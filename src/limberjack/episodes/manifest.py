@@ -18,7 +18,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.places import Place, exists, opened
-from limberjack.episodes.recipe import FORMAT, Recipe, is_whole, seeds_of
+from limberjack.episodes.recipe import FORMAT, Recipe, seeds_of
+from limberjack.policies.entries import entry_of
 
 __all__ = [
     "EPISODES",
@@ -107,13 +108,12 @@ class File:
         """The file of an entry; raises ValueError if it is none."""
         if not isinstance(entry, dict):
             raise ValueError(f"a file is {entry!r}")
-        seeds, digest = seeds_of(entry.get("seeds")), entry.get("sha256")
-        rows, nbytes = entry.get("rows"), entry.get("bytes")
+        seeds = seeds_of(entry.get("seeds"))
         if entry.get("name") != file_name(seeds):
             raise ValueError(f"a file is named {entry.get('name')!r}; expected {file_name(seeds)}")
-        if not (is_whole(rows) and is_whole(nbytes)):
-            raise ValueError(f"{file_name(seeds)} has {rows!r} rows and {nbytes!r} bytes")
-        if not isinstance(digest, str) or not _SHA256.fullmatch(digest):
+        given = [entry.get(name) for name in ("rows", "bytes", "sha256")]
+        rows, nbytes, digest = entry_of(tuple[int, int, str], given)
+        if not _SHA256.fullmatch(digest):
             raise ValueError(f"{file_name(seeds)} has the SHA-256 {digest!r}")
         return cls(seeds, rows, nbytes, digest)
 

@@ -45,8 +45,8 @@ from limberjack.episodes.recipe import (
     PIXELS,
     Column,
     Recipe,
-    is_whole,
 )
+from limberjack.policies.entries import entry_of
 from limberjack.utils.requirements import missing_extra
 
 try:
@@ -417,11 +417,9 @@ def _lengths_text(lengths: Sequence[int]) -> str:
 def _lengths(text: bytes, episodes: int) -> list[int]:
     """The steps of so many episodes; raises ValueError if it is no such text."""
     try:
-        runs = [(steps, count) for steps, count in json.loads(text)]
-    except (RecursionError, TypeError, ValueError) as error:
+        runs = entry_of(tuple[tuple[int, int], ...], json.loads(text))
+    except (RecursionError, ValueError) as error:
         raise ValueError(f"its lengths are damaged: {error}") from error
-    if not all(is_whole(number) and number > 0 for run in runs for number in run):
-        raise ValueError("its lengths are no positive numbers")
     if sum(count for _, count in runs) != episodes:
         raise ValueError(f"its lengths are not those of {episodes} episodes")
     return [steps for steps, count in runs for _ in range(count)]

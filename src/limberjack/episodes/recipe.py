@@ -15,7 +15,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeGuard, cast
+from typing import Any, cast
 
 import dm_env
 import numpy as np
@@ -25,6 +25,7 @@ from limberjack import policies, registry
 from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Kept
 from limberjack.mujoco.fingerprint import fingerprint, versions
+from limberjack.policies.entries import entry_of, shown
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.control import shown_by
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
@@ -48,7 +49,6 @@ __all__ = [
     "Column",
     "Recipe",
     "environments_of",
-    "is_whole",
     "other_versions",
     "recipe_of",
     "seeds_of",
@@ -76,19 +76,20 @@ _MOST_STEPS = 2**31  # of an episode
 _COLUMN_NBYTES, _FILE_NBYTES = 256, 16_384
 _DIGITS = 32  # bytes of a number in the text of a footer
 # Facts that name the environments: a task's, or those of a function of the user's.
-_WHERE: tuple[dict[str, type], ...] = (
+_WHERE = (
     {"domain": str, "task": str},
     {"environment": str, "environment_sha256": str},
 )
-_FACTS: dict[str, type | tuple[type, ...]] = {
+_FACTS = {
     "policy": str,
-    "policy_sha256": (str, type(None)),
-    "time_limit": (int, float),
-    "control_timestep": (int, float),
+    "policy_sha256": str | None,
+    "time_limit": float,
+    "control_timestep": float,
     "action_repeat": int,
-    "versions": dict,
+    "versions": Mapping[str, str],
     "fingerprint": str,
 }
+_OPTIONAL_FACTS = {"world": Mapping[str, object], "domain_sha256": str}
 # Columns of every dataset, those that format 1 lacks, and those that some have, with their types.
 _BOTH = {
     "seed": "int64",
@@ -203,15 +204,15 @@ class Recipe:
           ValueError: it is none.
         """
         found = content.get("format") if isinstance(content, dict) else None
-        if not isinstance(content, dict) or not is_whole(found) or found not in (1, FORMAT):
+        if not isinstance(content, dict) or type(found) is not int or found not in (1, FORMAT):
             raise ValueError(f"its recipe is not of format {FORMAT} or 1")
         rest = {name: value for name, value in content.items() if name != "format"}
         try:
             file_mb = None if found == 1 else _file_mb(rest.pop("file_mb"))
             columns = tuple(_column(entry) for entry in rest.pop("columns"))
-            flags = {name: _flag(rest.pop(name)) for name in ("states", "float32", "flat")}
+            flags = {name: entry_of(bool, rest.pop(name)) for name in ("states", "float32", "flat")}
             kept = Kept(**flags, pixels=_pixels(rest.pop("pixels", None)))
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"its recipe is damaged: {error}") from error
         _check_columns(columns, kept, _BOTH if file_mb is None else {**_BOTH, **_PLACE})
         return cls(_checked_facts(rest), kept, columns, file_mb)
@@ -445,11 +446,10 @@ def seeds_of(entry: object) -> range:
     Raises:
       ValueError: it is no such list.
     """
-    if not (isinstance(entry, list) and len(entry) == 2 and all(map(is_whole, entry))):
-        raise ValueError(f"its seeds are {entry!r}; expected the first and the one after the last")
-    if not 0 <= entry[0] < entry[1] <= SEEDS:
-        raise ValueError(f"its seeds are {entry[0]} to {entry[1]}; expected increasing ones")
-    return range(*entry)
+    first, end = entry_of(tuple[int, int], entry)
+    if not first < end <= SEEDS:
+        raise ValueError(f"its seeds are {first} to {end}; expected increasing ones")
+    return range(first, end)
 
 
 def _seeds(entry: object, block: int) -> range:
@@ -471,14 +471,10 @@ def _file_mb(value: object) -> float:
 
 
 def _column(entry: object) -> Column:
-    if not (isinstance(entry, list) and len(entry) == 3 and isinstance(entry[2], list)):
-        raise ValueError(f"a column is {entry!r}; expected a name, a type and a shape")
-    name, dtype, shape = entry
-    if not isinstance(name, str) or dtype not in (*_DTYPES, "str"):
-        raise ValueError(f"the column {name!r} has type {dtype!r}; expected one of {_DTYPES}")
-    if not all(is_whole(size) and size >= 0 for size in shape) or math.prod(shape) > _LARGEST:
-        raise ValueError(f"the column {name!r} has shape {shape!r}")
-    return Column(name, dtype, tuple(shape))
+    column = Column(*entry_of(tuple[str, str, tuple[int, ...]], entry))
+    if column.dtype not in (*_DTYPES, "str") or column.size > _LARGEST:
+        raise ValueError(f"a column is {entry}; expected one of {_DTYPES}, and a shape")
+    return column
 
 
 def _check_columns(columns: Sequence[Column], kept: Kept, always: Mapping[str, str]) -> None:
@@ -510,19 +506,18 @@ def _check_columns(columns: Sequence[Column], kept: Kept, always: Mapping[str, s
 def _checked_facts(content: dict[str, Any]) -> Facts:
     """The facts; raises ValueError if one is missing, unknown or of another kind."""
     where = _WHERE[0] if "domain" in content else _WHERE[1]
-    kinds = {**where, **_FACTS}
-    optional = {"world": dict, **({"domain_sha256": str} if "domain" in content else {})}
-    kinds |= {name: kind for name, kind in optional.items() if name in content}
+    kinds: dict[str, object] = {**where, **_FACTS}
+    kinds |= {name: kind for name, kind in _OPTIONAL_FACTS.items() if name in content}
     if content.keys() != kinds.keys():
         raise ValueError(f"its facts are {sorted(content)}; expected {sorted(kinds)}")
     for name, kind in kinds.items():
-        if not isinstance(content[name], kind) or isinstance(content[name], bool):
-            raise ValueError(f"its {name} is {content[name]!r}")
+        try:
+            entry_of(kind, content[name])
+        except ValueError as error:
+            raise ValueError(f"its {name} is {shown(content[name])}; {error}") from None
     unknown = sorted(content.get("world", {}).keys() - OPTIONS)
     if unknown:
         raise ValueError(f"its world has {unknown}; expected some of {', '.join(sorted(OPTIONS))}")
-    if not all(isinstance(value, str) for value in content["versions"].values()):
-        raise ValueError(f"its versions are {content['versions']!r}")
     limit, timestep = content["time_limit"], content["control_timestep"]
     if not (0 < timestep <= limit < _LONGEST and limit / timestep < _MOST_STEPS):
         raise ValueError(f"its time_limit is {limit} and its control_timestep {timestep} seconds")
@@ -532,20 +527,8 @@ def _checked_facts(content: dict[str, Any]) -> Facts:
 def _pixels(value: object) -> Pixels | None:
     if value is None:
         return None
-    if not isinstance(value, dict):
-        raise TypeError(f"pixels is {value!r}; expected an object of JSON")
-    pixels = Pixels.of(value)
-    if not all(is_whole(size) and 0 < size <= _LARGEST for size in (pixels.height, pixels.width)):
-        raise ValueError(f"its pictures have {pixels.height!r} by {pixels.width!r} pixels")
+    pixels = Pixels.of(entry_of(dict, value))
+    sizes = entry_of(tuple[int, int], [pixels.height, pixels.width])
+    if not all(0 < size <= _LARGEST for size in sizes):
+        raise ValueError(f"its pictures have {pixels.height} by {pixels.width} pixels")
     return pixels
-
-
-def _flag(value: object) -> bool:
-    if not isinstance(value, bool):
-        raise TypeError(f"{value!r} is neither true nor false")
-    return value
-
-
-def is_whole(value: object) -> TypeGuard[int]:
-    """Whether a value of JSON is a whole number."""
-    return isinstance(value, int) and not isinstance(value, bool)

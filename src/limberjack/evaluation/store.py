@@ -28,11 +28,12 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, TypeGuard
+from typing import BinaryIO, TypeGuard
 
 from limberjack.episodes.manifest import MANIFEST
 from limberjack.episodes.statistics import Score
 from limberjack.policies import PolicyError
+from limberjack.policies.entries import entry_of, shown
 from limberjack.utils.files import Hold, appending, flush_folder, read_regular
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.identity import advice_on, first_mismatch, processor
@@ -48,20 +49,8 @@ SUMMARY = "set.json"  # the results of a set of tasks, each in a folder of its o
 _SHARD = "episodes-{}-of-{}.jsonl"
 _VERSIONS = "versions"
 _CANARY = "canary"
-# What each entry of a line must be, and a description of it.
-_KINDS: dict[str, tuple[type | tuple[type, ...], str]] = {
-    "policy": (str, "a name"),
-    "seed": (int, f"a number from 0 to {SEEDS - 1}"),
-    "total": (float, "a finite number"),
-    "length": (int, "a number of steps from 1 on"),
-    "final_reward": (float, "a finite number"),
-    "diverged": (bool, "true or false"),
-    "start": ((str, type(None)), "a name or null"),
-    "processor": ((str, type(None)), "a name or null"),
-}
 _RESULT_HAS = ("summary", "episodes", "floors")  # entries of result.json besides the identity's
 _OF_EVERY_IDENTITY = ("policy", "policy_sha256", "fingerprint", _VERSIONS)
-_LONGEST_VALUE = 60  # characters of a value that a message shows
 
 # Versions, policy and score.
 _Line = tuple[object, str | None, Score | None]
@@ -268,7 +257,7 @@ class Store:
             if entry is not None and entry.keys() == {_VERSIONS}:
                 versions = entry[_VERSIONS]
                 if not _are_versions(versions):
-                    why = f"versions is {_shown(versions)}; expected names with their versions"
+                    why = f"versions is {shown(versions)}; expected names with their versions"
                     raise _damaged(f"{path}: line {number}", why)
                 self._check_head(path, {**first, _VERSIONS: versions})
                 found.append((versions, None, None))
@@ -290,41 +279,25 @@ class Store:
             return True
         return {*entry} - {_CANARY} == {*self._head} - {_CANARY}
 
-    # Any: each value is compared with what `_KINDS` expects.
-    def _episode(self, entry: dict[str, Any] | None, where: str) -> tuple[str, Score]:
+    def _episode(self, entry: dict[str, object] | None, where: str) -> tuple[str, Score]:
         """The policy and the score of a line; raises ValueError if it is no episode."""
-        if entry is None:
-            raise _damaged(where, "it is not the JSON of a dictionary")
-        for name, value in entry.items():
-            if name not in _KINDS:
-                raise _damaged(where, f"it has {name!r}")
-            expected = self._unexpected(name, value)
-            if expected is not None:
-                raise _damaged(where, f"{name} is {_shown(value)}; expected {expected}")
-        policy = entry.pop("policy", None)
         try:
-            if policy is None:
-                raise TypeError("policy is missing")
-            return policy, Score(**entry)
-        except TypeError:
-            raise _damaged(where, "an entry is missing") from None
-
-    def _unexpected(self, name: str, value: object) -> str | None:
-        """A description of the values that an entry may have, if this is none of them."""
-        kind, expected = _KINDS[name]
-        is_number_for_flag = isinstance(value, bool) and kind is not bool
-        if not isinstance(value, kind) or is_number_for_flag:
-            return expected
-        if isinstance(value, float):
-            return None if math.isfinite(value) else expected
-        if name == "seed" and isinstance(value, int):
-            return None if 0 <= value < SEEDS else expected
-        if name == "length" and isinstance(value, int):
-            if value < 1:
-                return expected
-            if self._step_limit is not None and value > self._step_limit:
-                return f"at most {self._step_limit}, the steps of the time limit"
-        return None
+            if entry is None:
+                raise ValueError("it is not the JSON of a dictionary")
+            policy = entry.pop("policy", None)
+            if not isinstance(policy, str):
+                raise ValueError(f"policy is {shown(policy)}; expected a name")
+            score = entry_of(Score, entry)
+            if score.seed >= SEEDS:
+                raise ValueError(f"seed is {shown(score.seed)}; expected a number below {SEEDS}")
+            if not 1 <= score.length <= self._step_limit:
+                raise ValueError(
+                    f"length is {shown(score.length)}; expected from 1 to {self._step_limit}, the "
+                    "steps of the time limit"
+                )
+        except ValueError as error:
+            raise _damaged(where, str(error)) from None
+        return policy, score
 
     def _check_head(self, path: Path, there: Mapping[str, object]) -> None:
         """Raises ValueError if a file belongs to another evaluation."""
@@ -377,11 +350,11 @@ def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
         )
 
 
-def _step_limit(identity: Mapping[str, object]) -> int | None:
-    """The most steps of an episode; None if the identity does not have them."""
+def _step_limit(identity: Mapping[str, object]) -> float:
+    """The most steps of an episode; infinite if the identity does not have them."""
     seconds, timestep = identity.get("time_limit"), identity.get("control_timestep")
     if not isinstance(seconds, int | float) or not isinstance(timestep, int | float):
-        return None
+        return math.inf
     return round(seconds / timestep)
 
 
@@ -424,12 +397,6 @@ def _entry(text: bytes) -> dict[str, object] | None:
 def _are_versions(value: object) -> bool:
     """Whether a value has the form of `versions()`."""
     return isinstance(value, dict) and all(isinstance(one, str) for one in value.values())
-
-
-def _shown(value: object) -> str:
-    """A value on a line of bounded length."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 
 def _foreign(path: Path) -> ValueError:

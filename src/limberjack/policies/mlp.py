@@ -44,12 +44,13 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from threadpoolctl import ThreadpoolController
 
+from limberjack.policies.entries import entry_of, shown
 from limberjack.policies.kinds import PolicyError
 from limberjack.utils.files import open_regular, write_whole
 from limberjack.utils.turns import Turn
@@ -90,10 +91,7 @@ _MOST_BYTES = 2**28
 _MOST_HEADER = 2**21
 _MOST_LAYERS = 64
 _MOST_NUMBERS = 2**20  # in an observation or an action
-_MOST_AXES = 32  # of an observation
 MOST_REPEAT = 1000  # control steps per action
-_LONGEST_COMMAND = 10_000  # characters
-_LONGEST_TEXT = 200  # characters of all others
 _LONGEST_QUOTE = 300  # characters of an error of another package
 LEAKY_SLOPE = 0.01  # of PyTorch's and JAX's leaky_relu
 _LENGTH_NBYTES = 8  # of the header's length, at the beginning of the file
@@ -218,16 +216,16 @@ class Card:
         if not isinstance(content, dict):
             raise ValueError("its card is not an object of JSON")
         found = content.get("format")
-        if not _is_whole(found) or found != _FORMAT:
+        if type(found) is not int or found != _FORMAT:
             raise ValueError(
-                f"its card has format {_shown(found)}; expected {_FORMAT}: a newer Limberjack may "
+                f"its card has format {shown(found)}; expected {_FORMAT}: a newer Limberjack may "
                 "read it"
             )
         given = {name: value for name, value in content.items() if name != "format"}
-        other = sorted((given.keys() | {"world"}) ^ _READERS.keys())
-        if other:
-            raise ValueError(f"its card's entries {_shown(other)} are missing or unknown")
-        card = cls(**{name: _entry(name, value) for name, value in given.items()})
+        try:
+            card = entry_of(cls, given)
+        except ValueError as error:
+            raise ValueError(f"its {error}") from None
         _check(card)
         return card
 
@@ -433,7 +431,7 @@ def parse(content: bytes, title: str) -> Mlp:
         policy = Mlp(_layers({name: _array(entry) for name, entry in entries}), card)
         if policy.card != card:
             raise ValueError(
-                f"its card has sizes {_shown(card.sizes)}, and its layers {policy.card.sizes}"
+                f"its card has sizes {shown(card.sizes)}, and its layers {policy.card.sizes}"
             )
     except (ValueError, safetensors.SafetensorError) as error:
         raise PolicyError(
@@ -484,7 +482,7 @@ def _layers(tensors: dict[str, np.ndarray]) -> list[tuple[np.ndarray, np.ndarray
     expected = {_name(i, j) for i in range(count) for j in range(2)}
     if tensors.keys() != expected or not expected:
         other = sorted(tensors.keys() ^ expected) or ["layers.0.weight"]
-        raise ValueError(f"the tensor {_shown(other[0])} is missing or unknown")
+        raise ValueError(f"the tensor {shown(other[0])} is missing or unknown")
     return [(tensors[_name(i, 0)], tensors[_name(i, 1)]) for i in range(count)]
 
 
@@ -520,20 +518,20 @@ def _check(card: Card) -> None:
     size = card.num_observations
     names = [name for name, _ in card.layout]
     if not 1 <= size <= _MOST_NUMBERS or len(set(names)) < len(names):
-        raise ValueError(f"its layout has {_shown(size)} numbers, with the names {_shown(names)}")
+        raise ValueError(f"its layout has {shown(size)} numbers, with the names {shown(names)}")
     if card.sizes[:1] != (size,) or card.sizes[-1:] != (len(card.low),):
         raise ValueError(
-            f"its layers have sizes {_shown(card.sizes)}, with {size} observations and "
+            f"its layers have sizes {shown(card.sizes)}, with {size} observations and "
             f"{len(card.low)} actions"
         )
     if len(card.low) != len(card.high) or any(map(float.__gt__, card.low, card.high)):
-        raise ValueError(f"its actions have bounds {_shown(card.low)} and {_shown(card.high)}")
+        raise ValueError(f"its actions have bounds {shown(card.low)} and {shown(card.high)}")
     if card.activation not in ACTIVATIONS:
         raise ValueError(
-            f"its activation is {_shown(card.activation)}; expected one of {', '.join(ACTIVATIONS)}"
+            f"its activation is {shown(card.activation)}; expected one of {', '.join(ACTIVATIONS)}"
         )
     if card.end not in ENDS:
-        raise ValueError(f"its end is {_shown(card.end)}; expected one of {', '.join(ENDS)}")
+        raise ValueError(f"its end is {shown(card.end)}; expected one of {', '.join(ENDS)}")
     if not 1 <= card.action_repeat <= MOST_REPEAT:
         raise ValueError(f"its action_repeat is {card.action_repeat}; expected 1 to {MOST_REPEAT}")
     if (card.mean is None) != (card.scale is None):
@@ -545,131 +543,5 @@ def _check(card: Card) -> None:
         raise ValueError("its scale has numbers that are not positive")
     if card.clip is not None and (card.clip <= 0 or card.mean is None):
         raise ValueError(f"its clip is {card.clip}; expected a positive number, with a mean")
-
-
-def _entry(name: str, value: object) -> Any:  # Any: of the field's type
-    try:
-        return _READERS[name](value)
-    except (OverflowError, TypeError, ValueError) as error:
-        raise ValueError(f"its {name} is {_shown(value)}{_because(error)}") from None
-
-
-def _because(error: Exception) -> str:
-    return f": {error}" if type(error) is ValueError and str(error) else ""
-
-
-def _shown(value: object) -> str:
-    """A value from anyone, in at most a few words."""
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
-
-
-def _text(value: object, longest: int = _LONGEST_TEXT) -> str:
-    if not isinstance(value, str) or len(value) > longest:
-        raise TypeError
-    return value
-
-
-def _command(value: object) -> str:
-    return _text(value, _LONGEST_COMMAND)
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _whole(value: object) -> int:
-    if not _is_whole(value) or not 0 <= cast(int, value) < 2**63:
-        raise ValueError("expected whole numbers from 0 on, such as array.tolist() gives")
-    return cast(int, value)
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("expected numbers, such as array.tolist() gives")
-    if not math.isfinite(value):
-        raise ValueError("expected finite numbers")
-    return float(value)
-
-
-def _list(value: object) -> list[object]:
-    if not isinstance(value, list | tuple) or len(value) > _MOST_NUMBERS:
-        raise ValueError(
-            f"expected a list of up to {_MOST_NUMBERS} entries, such as array.tolist() gives"
-        )
-    return list(value)
-
-
-def _pair(value: object) -> tuple[object, object]:
-    one, other = _list(value)
-    return one, other
-
-
-def _wholes(value: object) -> tuple[int, ...]:
-    return tuple(_whole(entry) for entry in _list(value))
-
-
-def _numbers(value: object) -> tuple[float, ...]:
-    return tuple(_number(entry) for entry in _list(value))
-
-
-def _layout(value: object) -> Layout:
-    pairs = [_pair(entry) for entry in _list(value)]
-    layout = tuple((_text(name), _wholes(shape)) for name, shape in pairs)
-    if any(len(shape) > _MOST_AXES for _, shape in layout):
-        raise TypeError
-    return layout
-
-
-def _versions(value: object) -> dict[str, str]:
-    if not isinstance(value, dict):
-        raise TypeError
-    return {_text(name): _text(version) for name, version in value.items()}
-
-
-def _scores(value: object) -> Scores:
-    names = [field.name for field in dataclasses.fields(Scores)]
-    if not isinstance(value, dict) or sorted(value) != sorted(names):
-        raise TypeError
-    low, high = _pair(value["interval"])
-    first, end = _pair(value["seeds"])
-    interval, seeds = (_number(low), _number(high)), (_whole(first), _whole(end))
-    return Scores(_number(value["mean"]), interval, seeds)
-
-
-def _world(value: object) -> World:
-    if not isinstance(value, dict) or not value or value.keys() - OPTIONS:
-        raise TypeError
-    return value
-
-
-_Read = Callable[[object], Any]  # Any: the field's type
-
-
-def _or_none(read_value: _Read) -> _Read:
-    return lambda value: None if value is None else read_value(value)
-
-
-_READERS: Mapping[str, _Read] = {
-    "layout": _layout,
-    "low": _numbers,
-    "high": _numbers,
-    "activation": _text,
-    "end": _text,
-    "action_repeat": _whole,
-    "domain": _text,
-    "task": _text,
-    "mean": _or_none(_numbers),
-    "scale": _or_none(_numbers),
-    "clip": _or_none(_number),
-    "sizes": _wholes,
-    "algorithm": _text,
-    "command": _command,
-    "seeds": _wholes,
-    "steps": _or_none(_whole),
-    "versions": _versions,
-    "fingerprint": _text,
-    "licence": _text,
-    "scores": _or_none(_scores),
-    "world": _or_none(_world),
-}
+    if not (card.world or {}).keys() <= OPTIONS:
+        raise ValueError(f"its world is {shown(card.world)}; expected some of {sorted(OPTIONS)}")
