@@ -64,7 +64,7 @@ class Remote:
           ValueError: there is no such protocol.
         """
         self._url, self._inside = url.rstrip("/") if not url.endswith("://") else url, inside
-        self._size: int | None = None  # on a web server, once the file was opened
+        self._size: object = None  # on a web server, once the file was opened
         files, _ = self._found()
         if not inside:
             files.invalidate_cache()  # of folders, which may have changed since they were listed
@@ -154,22 +154,19 @@ class Remote:
     def open(self) -> io.BufferedIOBase:
         """The file, open for reading; the caller closes it."""
         files, path = self._found()
+        how: dict[str, object] = {"block_size": _BLOCK}
         if "http" in files.protocol:
-            return self._opened_on_web(files, path)
-        file = self._again(files, lambda: files.open(path, "rb", block_size=_BLOCK))
+            self._size = self._size or self._information()["size"]
+            how["size"] = self._size
+            with self._reported():
+                if not self._size or not self._gives_parts(files, path):
+                    return io.BytesIO(files.cat_file(path))
+        file = self._again(files, lambda: files.open(path, "rb", **how))
         with self._reported():
             if not file.seekable():
                 with file:
                     return io.BytesIO(file.read())
         return _Reported(self, file)
-
-    def _opened_on_web(self, files: _Files, path: str) -> io.BufferedIOBase:
-        size = self._size or self._information()["size"]
-        self._size = size if isinstance(size, int) else None
-        with self._reported():
-            if not self._size or not self._gives_parts(files, path):
-                return io.BytesIO(files.cat_file(path))
-        return _InBlocks(self, lambda start, end: files.cat_file(path, start, end), self._size)
 
     def _gives_parts(self, files: _Files, path: str) -> bool:
         """Whether the web server gives parts of files; each is asked once."""
@@ -299,46 +296,3 @@ class _Reported(io.BufferedIOBase):
     def close(self) -> None:
         self._file.close()
         super().close()
-
-
-class _InBlocks(io.BufferedIOBase):
-    """A file that is read in blocks, of which pyarrow takes parts without copying them."""
-
-    def __init__(self, place: Remote, get: Callable[[int, int], bytes], size: int) -> None:
-        """Takes a function that gets the bytes from one place in the file to another."""
-        self._place, self._get, self._size = place, get, size
-        self._block, self._first = memoryview(b""), 0  # and where it begins
-        self._position = 0
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def read(self, size: int | None = -1) -> bytes:
-        return bytes(self.read_buffer(self._size if size is None or size < 0 else size))
-
-    def read_buffer(self, size: int) -> memoryview:
-        """As `read`, but a part of the block; pyarrow calls it where a file has it."""
-        start = min(self._position, self._size)
-        end = min(start + size, self._size)
-        if not self._first <= start <= end <= self._first + len(self._block):
-            beyond = min(max(end, start + _BLOCK), self._size)
-            with self._place._reported():
-                block = self._get(start, beyond)
-                if len(block) != beyond - start:
-                    raise EOFError(f"{len(block):,} bytes came of {beyond - start:,}")
-            self._block, self._first = memoryview(block), start
-        self._position += end - start
-        return self._block[start - self._first : end - self._first]
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        begin = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self._size}[whence]
-        if begin + offset < 0:
-            raise ValueError(f"negative seek position {begin + offset}")
-        self._position = begin + offset
-        return self._position
-
-    def tell(self) -> int:
-        return self._position
