@@ -733,10 +733,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not self._left[one.start]]", "]"),
         ("            self._made[file.name] = file\n", ""),
         (
-            "            if _is_within(part, there):\n                remove",
-            "            if True:\n                remove",
+            "            if _is_within(part, there):\n                (self",
+            "            if True:\n                (self",
         ),
-        ("            remove(self._parts / name)\n", "            pass\n"),
+        ("            (self._parts / name).unlink(missing_ok=True)\n", "            pass\n"),
         ("        self._remove_unfinished()  # of", "        # of"),
     ],
     "episodes/loading.py": [
@@ -805,7 +805,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        for _ in shard.episodes():\n            pass\n", ""),
         ("listed[path.name].sha256 != sha256_of(path)", "False"),
         ("    if named_seeds(path.name) != shard.seeds:\n        return True\n", ""),
-        ("make_folder(directory / _DAMAGED)", "make_folder(directory)"),
+        ("(directory / _DAMAGED).mkdir(exist_ok=True)", "pass"),
         ("if not exists(folder / one))", ")"),
         ('named(directory / PARTS, "dataset-*.json")', 'named(directory, "dataset-*.json")'),
         ('f"seeds-*.{ENDING}"', '"seeds-*.parquet"'),

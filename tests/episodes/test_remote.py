@@ -339,13 +339,13 @@ def test_a_place_is_made_moved_and_removed_as_a_path_is(tmp_path: Path) -> None:
     with ftp_serving(tmp_path / "root") as url:
         folder = Remote(url) / "a"
         for _ in range(2):
-            (folder / "b").make_folder()
+            (folder / "b").mkdir()
         (folder / "file").put(tmp_path / "content", folder)
-        (folder / "file").move(folder / "b" / "file")
+        (folder / "file").rename(folder / "b" / "file")
         with pytest.raises(OSError, match="cannot be removed"):
-            (folder / "b").remove_folder()
+            (folder / "b").rmdir()
         assert (tmp_path / "root" / "a" / "b" / "file").read_bytes() == b"content"
         for _ in range(2):
-            (folder / "b" / "file").remove()
-        (folder / "b").remove_folder()
+            (folder / "b" / "file").unlink(missing_ok=True)
+        (folder / "b").rmdir()
     assert list((tmp_path / "root" / "a").iterdir()) == []

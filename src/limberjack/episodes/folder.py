@@ -47,11 +47,8 @@ from limberjack.episodes.places import (
     Place,
     exists,
     filling,
-    make_folder,
     named,
     read,
-    remove,
-    remove_folder,
     size_of,
 )
 from limberjack.episodes.recipe import Recipe
@@ -137,7 +134,7 @@ class Folder:
         self._run = directory / ("run.json" if shard is None else f"run-{self._shard}.json")
         if isinstance(directory, Path) and exists(directory) and not directory.is_dir():
             raise ValueError(f"{directory} is no folder: choose another name")
-        make_folder(directory)
+        directory.mkdir(parents=True, exist_ok=True)
         self._hold: Hold | None = None  # a server has no locks
         if isinstance(directory, Path) and isinstance(self._run, Path):
             self._hold = Hold(directory if shard is None else self._run)
@@ -265,7 +262,7 @@ class Folder:
         """Removes the parts of finished files."""
         for part in parts:
             if _is_within(part, there):
-                remove(self._parts / file_name(part, ENDING))
+                (self._parts / file_name(part, ENDING)).unlink(missing_ok=True)
 
     def ready(self) -> list[tuple[range, Order]]:
         """Files whose parts are all here as `plan` ends, and how to join them."""
@@ -338,7 +335,7 @@ class Folder:
         try:
             yield dataclasses.replace(self.writing, probe=name)
         finally:
-            remove(self._parts / name)
+            (self._parts / name).unlink(missing_ok=True)
 
     def finish(self) -> None:
         """Writes the manifest and the card, or what a shard knows, if they are others than before.
@@ -365,9 +362,10 @@ class Folder:
             write_card(self.directory, manifest, figures)
             self._write(self.directory / MANIFEST, manifest.text(figures))
         for path in named(self._parts, _RECORDS):
-            remove(path)
+            path.unlink(missing_ok=True)
         self._remove_useless(_seeds_in(self._parts, ENDING), united(one.seeds for one in files))
-        remove_folder(self._parts)  # unless it has other files
+        with contextlib.suppress(OSError):  # it has other files
+            self._parts.rmdir()
 
     def _write_record(self) -> None:
         """Writes the list of a shard's files."""
@@ -420,12 +418,12 @@ class Folder:
         for path in named(self._parts, ".seeds-*"):
             found = _UNFINISHED.fullmatch(path.name)
             if found and _range_with(int(found[1]), self._own) is not None:
-                remove(path)
+                path.unlink(missing_ok=True)
         mark = "" if self._shard is None else f"{self._shard}-"
         own = f"{_PROBE}{mark}{_LETTERS}"  # not those of shards that are running
         for pattern in (own, f".{own}.*.part"):  # also one half written
             for path in named(self._parts, pattern):
-                remove(path)
+                path.unlink(missing_ok=True)
 
     def _check_alone(self) -> None:
         """Raises OSError if another process has logged a call since, for want of locks."""

@@ -18,7 +18,7 @@ from limberjack.episodes.environments import inside
 from limberjack.episodes.films import drawable, film
 from limberjack.episodes.loading import load
 from limberjack.episodes.manifest import MANIFEST, NOT_DRAWN, Manifest
-from limberjack.episodes.places import Place, exists, filling, named, remove
+from limberjack.episodes.places import Place, exists, filling, named
 from limberjack.episodes.recipe import environments_of
 from limberjack.mujoco.rendering import RenderingError
 from limberjack.rl.contract import PhysicsError
@@ -62,7 +62,7 @@ def illustrate(directory: Place, make: Make | None = None) -> None:
             log.warning(NOT_DRAWN, directory, name, error)
     for other in named(directory, "median-*"):
         if other.name not in names and _DRAWN.fullmatch(other.name):  # of the median before
-            remove(other)
+            other.unlink()
     write_card(directory, manifest, figures)
 
 

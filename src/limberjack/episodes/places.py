@@ -8,7 +8,8 @@
         file.write_bytes(content)
 
 Local files are opened and written as `utils.files` does, which refuses pipes and devices. Files at
-a URL are written as `Remote.put` does.
+a URL are written as `Remote.put` does. Both have `/`, `name`, `suffix`, `mkdir`, `unlink`, `rmdir`
+and `rename`.
 """
 
 import contextlib
@@ -33,14 +34,10 @@ __all__ = [
     "exists",
     "filling",
     "local",
-    "make_folder",
-    "move",
     "named",
     "opened",
     "place_of",
     "read",
-    "remove",
-    "remove_folder",
     "size_of",
 ]
 
@@ -186,50 +183,3 @@ def filling(place: Place, beside: Place) -> Iterator[Path]:
         path.touch()
         yield path
         place.put(path, beside)
-
-
-def make_folder(place: Place) -> None:
-    """Makes a folder, and those that it is in, unless it is there or the place has no folders.
-
-    Raises:
-      OSError: it cannot be made.
-    """
-    if isinstance(place, Path):
-        place.mkdir(parents=True, exist_ok=True)
-    else:
-        place.make_folder()
-
-
-def remove(place: Place) -> None:
-    """Removes a file if it is there.
-
-    Raises:
-      OSError: it cannot be removed.
-    """
-    if isinstance(place, Path):
-        place.unlink(missing_ok=True)
-    else:
-        place.remove()
-
-
-def remove_folder(place: Place) -> None:
-    """Removes a folder if it is there and empty."""
-    with contextlib.suppress(OSError):
-        if isinstance(place, Path):
-            place.rmdir()
-        else:
-            place.remove_folder()
-
-
-def move(place: Place, to: Place) -> None:
-    """Moves a file to another place in the same file system, where none is.
-
-    Raises:
-      OSError: it cannot be moved.
-    """
-    if isinstance(place, Path):
-        assert isinstance(to, Path)
-        place.rename(to)
-        return
-    assert not isinstance(to, Path)
-    place.move(to)

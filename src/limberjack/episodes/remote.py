@@ -196,7 +196,7 @@ class Remote:
                 try:
                     files.mv(there, place)
                 except Exception:  # some servers do not replace a file
-                    self.remove()
+                    self.unlink(missing_ok=True)
                     files.mv(there, place)
             except BaseException:
                 with contextlib.suppress(Exception):
@@ -204,31 +204,31 @@ class Remote:
                 raise
             files.invalidate_cache()
 
-    def move(self, to: "Remote") -> None:
+    def rename(self, to: "Remote") -> None:
         """Moves the file to another place in the same file system."""
         files, path = self._found()
         with self._reported("moved"):
             files.mv(path, to._found()[1])
             files.invalidate_cache()
 
-    def remove(self) -> None:
-        """Removes the file if it is there."""
-        if not self.exists():
+    def unlink(self, missing_ok: bool = False) -> None:
+        """Removes the file; with `missing_ok`, if it is there."""
+        if missing_ok and not self.exists():
             return
         files, path = self._found()
         with self._reported("removed"):
             files.rm_file(path)
             files.invalidate_cache()
 
-    def make_folder(self) -> None:
-        """Makes the folder, if the file system has folders."""
+    def mkdir(self, parents: bool = True, exist_ok: bool = True) -> None:
+        """Makes the folder and those that it is in, if the file system has folders."""
         files, path = self._found()
         if _RENAMING.intersection(_protocols(files)) and not self.exists():
             with self._reported("made"):
                 files.makedirs(path, exist_ok=True)
                 files.invalidate_cache()
 
-    def remove_folder(self) -> None:
+    def rmdir(self) -> None:
         """Removes the empty folder, if the file system has folders."""
         files, path = self._found()
         with self._reported("removed"):

@@ -25,7 +25,7 @@ from limberjack.episodes.manifest import (
     sha256_of,
 )
 from limberjack.episodes.parquet import Shard
-from limberjack.episodes.places import Place, exists, make_folder, move, named
+from limberjack.episodes.places import Place, exists, named
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.writing import ENDING
 from limberjack.utils.files import Hold
@@ -54,8 +54,8 @@ def set_aside(directory: Place, recipe: Recipe) -> list[int]:
         paths = [*_damaged_lists(directory, recipe), *_damaged_files(directory, recipe)]
         for path in paths:
             to = _free(directory / _DAMAGED, path.name)
-            make_folder(directory / _DAMAGED)
-            move(path, to)
+            (directory / _DAMAGED).mkdir(exist_ok=True)
+            path.rename(to)  # pyright: ignore[reportArgumentType] (both are of one kind)
             log.warning(SET_ASIDE, path, to)
     ranges = (named_seeds(path.name) for path in paths)
     return sorted({seed for seeds in ranges if seeds is not None for seed in seeds})

@@ -30,8 +30,6 @@ from limberjack.episodes.places import (
     Place,
     exists,
     filling,
-    make_folder,
-    remove,
     size_of,
 )
 from limberjack.episodes.player import play_unit
@@ -171,14 +169,14 @@ class Writing:
             file = self.put(EPISODES, file_name(seeds), fill)
         for part in parts:
             if seeds.start <= part.start and part.stop <= seeds.stop:
-                remove(self.folder / PARTS / file_name(part, ENDING))
+                (self.folder / PARTS / file_name(part, ENDING)).unlink(missing_ok=True)
         return file
 
     def put(self, folder: str, name: str, fill: Callable[[Path], _Filled]) -> _Filled:
         """Writes a file, also while another process removes the folder of parts, empty to it."""
         for left in reversed(range(_TRIES)):
-            make_folder(self.folder / PARTS)
-            make_folder(self.folder / folder)
+            for one in (PARTS, folder):
+                (self.folder / one).mkdir(parents=True, exist_ok=True)
             try:
                 with filling(self.folder / folder / name, self.folder / PARTS) as partial:
                     filled = fill(partial)
