@@ -12,6 +12,7 @@ from limberjack.cli import output
 from limberjack.cli.output import add_summaries, console, summaries_table
 from limberjack.episodes.statistics import Score, strata, summarise
 from limberjack.policies.kinds import Locating, PolicyError
+from limberjack.policies.saved import read_model
 from limberjack.rl.batches import NOT_VECTORISED
 from limberjack.rl.control import PhysicsError
 from limberjack.utils.log import log
@@ -226,20 +227,22 @@ def test_a_stream_that_was_closed_before_the_start_is_no_terminal() -> None:
     assert not output.is_terminal(None)
 
 
-def test_a_saved_model_is_called_code_once_if_its_file_is_there(
+def test_the_first_saved_model_is_called_code_as_its_files_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    output.search_working_directory("sb3:walk")
+    with output.remarks_reported():
+        with pytest.raises(policies.PolicyError):
+            read_model("sb3:walk")
+        assert capsys.readouterr().err == ""
+        (tmp_path / "walk.zip").touch()
+        for _ in range(2):
+            read_model("sb3:walk")
+        assert capsys.readouterr().err == (
+            "limberjack: policy 'sb3:walk' is a pickle, and loading it runs the Python code in it: "
+            "use only files of people whom you trust\n"
+        )
     assert capsys.readouterr().err == ""
-    (tmp_path / "walk.zip").touch()
-    for _ in range(2):
-        output.search_working_directory("sb3:walk")
-    output.search_working_directory("zero")
-    assert capsys.readouterr().err == (
-        "limberjack: policy 'sb3:walk' is a pickle, and loading it runs the Python code in it: use "
-        "only files of people whom you trust\n"
-    )
 
 
 def test_a_row_for_all_episodes_is_followed_by_one_for_each_start() -> None:

@@ -151,7 +151,7 @@ def _collect(
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, world = shard_named(shard, out), world_named(env, faults, appearance)
         pictures = _pictures(pixels, camera)
-        search_working_directory(policy, task_set)
+        search_working_directory(policy)
     _check_extras(format, out, env)
     with units_reported(lambda progress: _done(progress, out)) as progress:
         progress.begin(_count(task_set, chosen, part))

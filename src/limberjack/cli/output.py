@@ -5,8 +5,7 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Protocol, TextIO
 
 import rich.box
@@ -51,50 +50,20 @@ MISUSED = 2
 _WIDTH = 1000  # characters of a line; a narrow terminal continues it, and no digit is left out
 
 
-def search_working_directory(policy: str, task_set: str | None = None) -> None:
+def search_working_directory(policy: str) -> None:
     """Lets Python import the module of a policy MODULE:CALLABLE from the working directory.
 
     The directory is searched last, and only for such a policy, so that a stray matplotlib.py in it
-    is not imported in place of the installed one. A model of Stable-Baselines3 is code too, though
-    it looks like data: a line says so before it is loaded.
-
-    Args:
-      policy: its name.
-      task_set: the tasks for each of which it is a name, if it is a pattern of names.
-
-    Raises:
-      ValueError: there is no such set.
+    is not imported in place of the installed one.
     """
     from limberjack import policies
-    from limberjack.registry.sets import tasks_of
 
-    if policies.runs_code(policy):
-        tasks = [] if task_set is None else tasks_of(task_set)
-        names = [str(policies.policy_for(policy, *task)) for task in tasks]
-        _say_that_it_is_code(policy, [policy, *names])
-    elif ":" in policy and not policies.is_saved_model(policy):
+    if ":" in policy and not policies.is_saved_model(policy):
         append_working_directory()
 
 
 # As Python words an OSError; the words after it say the same.
 _ERROR_NUMBER = re.compile(r"\[(?:Errno|WinError) \d+\] ")
-
-_said: set[str] = set()  # names of the saved models that a line was written about
-
-
-def _say_that_it_is_code(policy: str, names: Iterable[str]) -> None:
-    if policy in _said or not any(Path(file).is_file() for one in names for file in _files_of(one)):
-        return  # without a file, the error says so
-    _said.add(policy)
-    complain(
-        f"policy {policy!r} is a pickle, and loading it runs the Python code in it: use only files "
-        "of people whom you trust"
-    )
-
-
-def _files_of(policy: str) -> tuple[str, str]:
-    path = policy.partition(":")[2]
-    return path, f"{path}.zip"
 
 
 def append_working_directory() -> None:
@@ -185,18 +154,26 @@ def failures_reported(
 
 @contextlib.contextmanager
 def remarks_reported() -> Iterator[None]:
-    """Prints at exit, once each, why a task was played in rows, and other remarks on results."""
+    """Prints at exit, once each, why a task was played in rows, and other remarks on results.
+
+    That a saved model is code is said before the first one is loaded.
+    """
     from limberjack.episodes.manifest import NOT_DRAWN, SET_ASIDE
     from limberjack.policies.named import NOT_RESET
     from limberjack.policies.networks import OTHER_SCORES
+    from limberjack.policies.saved import RUNS_CODE
     from limberjack.rl.batches import NOT_VECTORISED
 
     remarks: dict[str, None] = {}
+    said: set[str] = set()
 
     class Remarks(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             if record.msg in (NOT_DRAWN, NOT_RESET, NOT_VECTORISED, OTHER_SCORES, SET_ASIDE):
                 remarks[record.getMessage()] = None
+            elif record.msg == RUNS_CODE and RUNS_CODE not in said:
+                said.add(RUNS_CODE)
+                complain(record.getMessage())
 
     handler, level = Remarks(logging.INFO), log.level
     log.addHandler(handler)

@@ -10,7 +10,7 @@ import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import named_task
-from limberjack.cli.output import console, misuse_reported, search_working_directory, table
+from limberjack.cli.output import console, misuse_reported, remarks_reported, table
 
 if TYPE_CHECKING:
     from limberjack.policies import Bundled
@@ -101,8 +101,7 @@ def _export(
     loading it runs no code. A `VecNormalize` saved beside the model, such as
     walker.vecnormalize.pkl, is part of it.
     """
-    with misuse_reported():
-        search_working_directory(policy)
+    with misuse_reported(), remarks_reported():
         from limberjack.policies import onnx
         from limberjack.policies.exporting import export
 

@@ -24,7 +24,13 @@ from limberjack.policies.networks import Network, network_policy
 from limberjack.utils.files import read_regular
 from limberjack.utils.log import log
 
-__all__ = ["is_saved_model", "read_model", "runs_code", "saved_policy"]
+__all__ = ["RUNS_CODE", "is_saved_model", "read_model", "runs_code", "saved_policy"]
+
+# Logged as the files are read; commands print it.
+RUNS_CODE = (
+    "policy %r is a pickle, and loading it runs the Python code in it: use only files of people "
+    "whom you trust"
+)
 
 _Files = Mapping[Path, bytes]
 
@@ -70,9 +76,12 @@ def read_model(name: str) -> dict[Path, bytes]:
             f"policy {name!r}: {path} is a folder; expected the file that {kind.written_by} wrote"
         )
     try:
-        return kind.read(path)
+        files = kind.read(path)
     except (OSError, ValueError) as error:
         raise PolicyError(f"policy {name!r}: {error}") from error
+    if kind.runs_code:
+        log.warning(RUNS_CODE, name)
+    return files
 
 
 def saved_policy(
@@ -97,11 +106,7 @@ def saved_policy(
         kind.check()
     except ImportError as error:
         raise PolicyError(f"policy {name!r}: {error}") from None
-    if files is None:
-        files = read_model(name)
-        if kind.runs_code:
-            log.warning("policy %r is a pickle, and loading it runs the Python code in it", name)
-    return kind.actor(name, files, environment)
+    return kind.actor(name, read_model(name) if files is None else files, environment)
 
 
 def _kind(name: str) -> _Kind:
