@@ -5,19 +5,17 @@ repeat = checked_repeat(None, environment, actor)
 """
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import dm_env
-import numpy as np
 
 from limberjack.policies import Actor
 from limberjack.policies.kinds import Locating, repeat_for
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import is_reproducible, is_stable, own_repeat
-from limberjack.rl.control import Environment, PhysicsError
+from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
-from limberjack.rl.row_step import as_mapping
 from limberjack.rl.row_trial import draws_globally
 from limberjack.workers.factories import Factory
 
@@ -77,7 +75,6 @@ def checked_environment(
                     f"{factory.title} draws from {shared}, so an episode does not depend on its "
                     "seed alone: draw from task.random, which has the seed"
                 )
-            _check_values(factory, trial)
         _check_seeding(factory, environment, seeds)
     if vectorised:
         _check_vectorised(factory)
@@ -109,36 +106,12 @@ def _check_vectorised(factory: Factory) -> None:
     batch_of(build, 1, 1, vectorised=True, seed=0, action_repeat=1).close()
 
 
-def _check_values(factory: Factory, environment: dm_env.Environment) -> None:
-    """Raises ValueError unless observations are arrays of numbers, and a reward is a number."""
-    for name, value in as_mapping(environment.reset().observation).items():
-        if not isinstance(name, str):
-            raise ValueError(
-                f"an observation of {factory.title} is named {name!r}; expected a text, such as "
-                f"{str(name)!r}"
-            )
-        if isinstance(value, Mapping):
-            raise ValueError(
-                f"observation {name!r} is a dict; expected an array: let {factory.title} observe "
-                f"each of its entries, {', '.join(map(str, value))}, under a name of its own"
-            )
-        if np.asarray(value).dtype.kind not in "fiub":
-            raise ValueError(
-                f"observation {name!r} of {factory.title} is {value!r}; expected an array of "
-                "numbers"
-            )
-    try:
-        reward = environment.step(spec_of(environment).generate_value()).reward
-    except PhysicsError:  # it diverged; an episode that does so ends
-        return
-    if np.asarray(reward).dtype.kind not in "fiub" or np.ndim(reward):
-        raise ValueError(f"the reward of {factory.title} is {reward!r}; expected a number")
-
-
 def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: Sequence[int]) -> None:
     """Raises ValueError unless a seed gives one episode, and all seeds one length of a step."""
     build = factory.build(environment)
-    if not is_reproducible(build, seeds[0]):
+    with Locating(f"environment {factory.title!r}"):  # which raises for observations of other forms
+        same = is_reproducible(build, seeds[0])
+    if not same:
         raise ValueError(
             f"{factory.title} makes an environment that differs each time it is called with seed "
             f"{seeds[0]}: pass the seed to the task, and let rewards and observations depend on "
