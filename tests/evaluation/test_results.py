@@ -1,10 +1,10 @@
 """`Evaluation`, and the files that show it."""
 
 import json
-from pathlib import Path
 from typing import Any, cast
 
-from limberjack.evaluation import Evaluation, Score, results
+from limberjack.episodes.manifest import in_lines
+from limberjack.evaluation import Evaluation, Score
 from limberjack.utils.facts import Facts
 
 _FACTS = cast(Facts, {"domain": "humanoid", "task": "stand", "versions": {}})
@@ -27,13 +27,8 @@ def test_processors_are_listed_only_where_they_were_recorded() -> None:
     assert named["floors"]["zero"]["processors"] == ["one"] * 3
 
 
-def test_result_json_has_one_line_for_each_episode(tmp_path: Path) -> None:
+def test_result_json_has_one_line_for_each_episode() -> None:
     content = _evaluation("one").as_json()
-    text = results._text(content)
+    text = in_lines(content)
     assert json.loads(text) == json.loads(json.dumps(content))
     assert sum('"seed"' in line for line in text.splitlines()) == 3
-
-
-def test_kinds_of_starts_may_have_any_names(tmp_path: Path) -> None:
-    content: Any = {**_evaluation("one").as_json(), "note": "line-0"}
-    assert json.loads(results._text(content)) == json.loads(json.dumps(content))

@@ -14,7 +14,7 @@ import hashlib
 import itertools
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.places import Place, exists, opened
@@ -35,6 +35,7 @@ __all__ = [
     "check_name",
     "damage_reported",
     "file_name",
+    "in_lines",
     "named_seeds",
     "sha256_of",
     "united",
@@ -148,8 +149,7 @@ class Manifest:
             "statistics": everything.statistics(),
             "files": files,
         }
-        lines = [f"{json.dumps(name)}: {_lines(value)}" for name, value in content.items()]
-        return "{\n" + ",\n".join(lines) + "\n}\n"
+        return in_lines(content)
 
     def check(self, path: Place, figures: Sequence[Figures]) -> None:
         """Compares what a file says of the episodes with the figures of each file of episodes.
@@ -209,14 +209,23 @@ def check_manifest(path: Place, figures: Sequence[Figures]) -> None:
         manifest.check(path, figures)
 
 
+def in_lines(content: Mapping[str, object]) -> str:
+    """JSON with a line for each entry of the entries, such as a file, a column or an episode."""
+    lines = [f"{json.dumps(name)}: {_lines(value)}" for name, value in content.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
 def _lines(value: object) -> str:
-    """JSON with a line for each entry of a list or dictionary, such as a file or a column."""
     if isinstance(value, list) and value:
-        return "[\n" + ",\n".join(f" {json.dumps(one)}" for one in value) + "\n]"
+        return "[\n" + ",\n".join(f" {_line(one)}" for one in value) + "\n]"
     if isinstance(value, dict) and value:
-        entries = (f" {json.dumps(name)}: {json.dumps(one)}" for name, one in value.items())
+        entries = (f" {json.dumps(name)}: {_line(one)}" for name, one in value.items())
         return "{\n" + ",\n".join(entries) + "\n}"
-    return json.dumps(value)
+    return _line(value)
+
+
+def _line(value: object) -> str:
+    return json.dumps(value, allow_nan=False)
 
 
 def file_name(seeds: range, ending: str = "parquet") -> str:

@@ -5,13 +5,11 @@ write(evaluation, Path("scores"), command="")
 """
 
 import dataclasses
-import json
-import re
-import uuid
 from pathlib import Path
 from typing import cast
 
 from limberjack.episodes import statistics
+from limberjack.episodes.manifest import in_lines
 from limberjack.episodes.statistics import Score, Summary
 from limberjack.evaluation.store import PAGE, PICTURE, RESULT
 from limberjack.see import report
@@ -95,7 +93,7 @@ def write(evaluation: Evaluation, directory: Path, command: str) -> Evaluation:
     """
     result, page, picture = (directory / name for name in (RESULT, PAGE, PICTURE))
     content = evaluation.as_json()
-    write_whole(result, _text(content))
+    write_whole(result, in_lines(content))
     report.write_evaluation_page(page, content, command)
     files = (result, page)
     try:
@@ -121,22 +119,3 @@ def _processors(scores: list[Score]) -> dict[str, object]:
     """The processors of episodes, where they were recorded."""
     processors = [score.processor for score in scores]
     return {"processors": processors} if any(processors) else {}
-
-
-def _text(content: report.EvaluationResult) -> str:
-    """JSON with one line per episode, so that a file of a thousand episodes stays readable."""
-    lines: list[str] = []
-    mark = f"line-{uuid.uuid4().hex}-"  # followed by a number, it stands for a line
-
-    def on_one_line(value: object) -> str:
-        lines.append(json.dumps(value, allow_nan=False))
-        return f"{mark}{len(lines) - 1}"
-
-    episodes = [on_one_line(episode) for episode in content["episodes"]]
-    floors = {
-        policy: {name: on_one_line(values) for name, values in of_policy.items()}
-        for policy, of_policy in content["floors"].items()
-    }
-    shown = {**content, "episodes": episodes, "floors": floors}
-    text = json.dumps(shown, indent=2, allow_nan=False)
-    return re.sub(f'"{mark}(\\d+)"', lambda found: lines[int(found[1])], text) + "\n"
