@@ -49,8 +49,6 @@ SUMMARY = "set.json"  # the results of a set of tasks, each in a folder of its o
 _SHARD = "episodes-{}-of-{}.jsonl"
 _VERSIONS = "versions"
 _CANARY = "canary"
-_RESULT_HAS = ("summary", "episodes", "floors")  # entries of result.json besides the identity's
-_OF_EVERY_IDENTITY = ("policy", "policy_sha256", "fingerprint", _VERSIONS)
 
 # Versions, policy and score.
 _Line = tuple[object, str | None, Score | None]
@@ -106,7 +104,7 @@ class Store:
         if directory is None:
             return
         self.path = directory / (EPISODES if shard is None else _SHARD.format(*shard))
-        check_folder(directory, identity)
+        check_folder(directory)
         directory.mkdir(parents=True, exist_ok=True)
         try:
             self._open(self.path, directory if shard is None else self.path, shard is None)
@@ -311,17 +309,8 @@ class Store:
             )
 
 
-def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
-    """Checks that an evaluation would replace no result, page or picture but its own.
-
-    Args:
-      directory: which need not exist.
-      identity: of the evaluation.
-
-    Raises:
-      ValueError: it would.
-      OSError: the folder's result cannot be read.
-    """
+def check_folder(directory: Path) -> None:
+    """Raises ValueError if an evaluation here would replace a result, page or picture of others."""
     others = [name for name in (RESULT, PAGE, PICTURE) if os.path.lexists(directory / name)]
     if os.path.lexists(directory) and not directory.is_dir():
         raise ValueError(f"{directory} is no folder: choose another name")
@@ -332,21 +321,6 @@ def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
         raise ValueError(
             f"{directory} holds {others[0]} but no {EPISODES}, so it is not the folder of an "
             "evaluation: choose another folder"
-        )
-    if not others:
-        return
-    path = directory / RESULT
-    if others[0] != RESULT:  # which is the first file that an evaluation writes
-        raise ValueError(
-            f"{directory} holds {others[0]} but no {RESULT}, so no evaluation wrote it: choose "
-            "another folder, or remove that file"
-        )
-    result = _entry(read_regular(path))
-    # Names only: the episodes say which evaluation it is.
-    needed = {*_RESULT_HAS, *(name for name in _OF_EVERY_IDENTITY if name in identity)}
-    if result is None or not needed <= result.keys():
-        raise ValueError(
-            f"{path} is not the result of an evaluation: choose another folder, or remove that file"
         )
 
 
