@@ -742,7 +742,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "episodes/loading.py": [
         ("if size == file.nbytes", "if size >= file.nbytes"),
         ("    if gaps and not allow_gaps:\n", "    if False:\n"),
-        ("if extra and not allow_gaps:", "if len(extra) > 1 and not allow_gaps:"),
+        ("if problems and not allow_gaps:", "if len(problems) > 1 and not allow_gaps:"),
     ],
     "episodes/manifest.py": [
         ('if entry.get("name") != file_name(seeds):', "if False:"),

@@ -61,10 +61,7 @@ def load(directory: Path | str, *, allow_gaps: bool = False) -> Dataset:
         )
     check_distinct(shards)
     if not old and not allow_gaps:
-        raise ValueError(
-            f"{folder} has no {MANIFEST} yet: to finish the dataset, repeat {_command(folder)}; "
-            "load(..., allow_gaps=True) gives the episodes that are there"
-        )
+        raise _incomplete(folder, f"{folder} has no {MANIFEST} yet")
     for shard in shards:
         if (shard.recipe.format == 1) is not bool(old):
             raise ValueError(f"{shard.path} has format {shard.recipe.format}, unlike its folder")
@@ -85,32 +82,26 @@ def episodes_so_far(folder: Path) -> Iterator[Episode]:
 def _listed(folder: Place, manifest: Manifest, allow_gaps: bool) -> Dataset:
     """The dataset of a manifest, with which its files are compared."""
     shards: list[Shard] = []
+    problems: list[str] = []
     for file in manifest.files:
         path = folder / EPISODES / file.name
-        wrong = _difference(path, file)
-        if wrong is None:
+        if (wrong := _difference(path, file)) is None:
             shards.append(_checked(path, file, manifest.recipe))
-        elif not allow_gaps:
-            raise ValueError(
-                f"{wrong}: remove it if it is there, and repeat {_command(folder)}; "
-                "load(..., allow_gaps=True) does without it"
-            )
+        else:
+            problems.append(f"{wrong}: remove it if it is there")
     names = {file.name for file in manifest.files}
     extra = [path for path in named(folder / EPISODES, "*") if path.name not in names]
-    if extra and not allow_gaps:
-        raise ValueError(
-            f"{extra[0]} is not listed in {MANIFEST}: `limberjack collect` has not finished, and "
-            f"{_command(folder)} continues it, or the file does not belong here; "
-            "load(..., allow_gaps=True) loads it, too, if it has episodes"
-        )
+    problems += [f"{path} is not listed in {MANIFEST}" for path in extra]
+    if problems and not allow_gaps:  # first, since another file may be no file of episodes
+        raise _incomplete(folder, problems[0])
     shards += [Shard(path) for path in extra if path.suffix == ".parquet"]
     shards.sort(key=lambda shard: shard.seeds.start)
     check_distinct(shards)
     gaps = without(manifest.wanted, united(shard.seeds for shard in shards))
     if gaps and not allow_gaps:
-        raise ValueError(
-            f"{folder / MANIFEST} lists no file with the episode of seed {gaps[0].start}: repeat "
-            f"{_command(folder)}; load(..., allow_gaps=True) does without it"
+        seed = gaps[0].start
+        raise _incomplete(
+            folder, f"{folder / MANIFEST} lists no file with the episode of seed {seed}"
         )
     if not shards:
         raise ValueError(f"{folder} has none of the files that its {MANIFEST} lists")
@@ -141,6 +132,13 @@ def _checked(path: Place, file: File, recipe: Recipe) -> Shard:
             "collect its seeds again"
         )
     return shard
+
+
+def _incomplete(folder: Place, problem: str) -> ValueError:
+    return ValueError(
+        f"{problem}; to finish the dataset, repeat {_command(folder)}; load(..., allow_gaps=True) "
+        "gives the episodes that are there"
+    )
 
 
 def _command(folder: Place) -> str:

@@ -480,26 +480,21 @@ def _column(entry: object) -> Column:
 def _check_columns(columns: Sequence[Column], kept: Kept, always: Mapping[str, str]) -> None:
     """Raises ValueError unless these are columns that `recipe_of` gives, some of them always."""
     found = {column.name: column for column in columns}
-    if len(found) < len(columns):
-        raise ValueError("a column occurs twice")
-    for name in always:
-        if name not in found:
-            raise ValueError(f"the column {name!r} is missing")
-    for name, column in found.items():
-        dtype = {**always, **_SOMETIMES}.get(name)
-        is_array = name in ("action", "state") or name.startswith((OBSERVATION, FIELD))
-        if dtype is None and not is_array:
-            raise ValueError(f"the column {name!r} is unknown")
-        if column.dtype != (dtype or column.dtype) or (dtype is None and column.dtype == "str"):
-            raise ValueError(f"the column {name!r} has type {column.dtype!r}")
-        if column.shape and not is_array:
-            raise ValueError(f"the column {name!r} has shape {column.shape}; expected one number")
-    if kept.pixels is not None:
-        expected = Column(PIXELS, "uint8", (kept.pixels.height, kept.pixels.width, 3))
-        if found.get(PIXELS) != expected:
-            raise ValueError(f"the column {PIXELS!r} has no pictures of the recipe's size")
-    if ("state" in found) != kept.states:
-        raise ValueError("the column 'state' is there exactly if states were recorded")
+    needed = {*always, *["state"] * kept.states, *[PIXELS] * (kept.pixels is not None)}
+    wrong = [c.name for c in columns if not _is_known(c, kept, {**always, **_SOMETIMES})]
+    wrong += sorted(needed - found.keys())
+    if wrong or len(found) < len(columns) or ("state" in found and not kept.states):
+        raise ValueError(f"its columns {wrong or list(found)} are missing, twice or of other forms")
+
+
+def _is_known(column: Column, kept: Kept, types: Mapping[str, str]) -> bool:
+    """Whether a column of this form may be in the files."""
+    name = column.name
+    if name == PIXELS and kept.pixels is not None:
+        return column == Column(PIXELS, "uint8", (kept.pixels.height, kept.pixels.width, 3))
+    if name.startswith((OBSERVATION, FIELD)):
+        return column.dtype != "str"
+    return column.dtype == types.get(name) and (not column.shape or name in ("action", "state"))
 
 
 # Any: values of JSON, whose kinds are compared here.
