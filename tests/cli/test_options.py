@@ -17,7 +17,6 @@ from limberjack import data
 from limberjack.cli import app
 from limberjack.cli.options import (
     chosen_seeds,
-    finite,
     function_named,
     named_environment,
     named_task,
@@ -109,13 +108,6 @@ def test_seeds_that_are_no_range_or_too_few_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         chosen_seeds(seeds, episodes, 7)
-
-
-def test_an_infinite_time_limit_is_refused() -> None:
-    assert finite(None) is None
-    assert finite(2.5) == 2.5
-    with pytest.raises(ValueError, match="--time-limit is inf; expected a number of seconds"):
-        finite(float("inf"))
 
 
 def test_an_environment_is_a_task_or_a_function(monkeypatch: pytest.MonkeyPatch) -> None:

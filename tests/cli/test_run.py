@@ -231,7 +231,7 @@ def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(
         ([*_RUN[:3], "--time-limit", "0"], "time_limit is 0.0; expected a positive number"),
         ([*_RUN[:3], "--time-limit", "-1"], "time_limit is -1.0; expected a positive number"),
         ([*_RUN[:3], "--time-limit", "nan"], "time_limit is nan; expected a positive number"),
-        ([*_RUN[:3], "--time-limit", "inf"], "time-limit is inf; expected a number of seconds"),
+        ([*_RUN[:3], "--time-limit", "inf"], "has no time limit, so an episode might never end"),
         ([*_RUN, "--seeds", "4294967295:4294967297"], "expected numbers up to 4294967295"),
         ([*_RUN, "--seeds", "3", "--episodes", "2"], "--episodes is 2, but --seeds 3 holds 1"),
         (["run"], "got no task; expected DOMAIN TASK, or --env MODULE:FUNCTION"),
@@ -439,7 +439,7 @@ def test_a_saved_model_runs_and_a_model_of_another_task_is_status_2(
     assert result.exit_code == 0, result.output
     wrong = invoke(*_ARM, "--policy", name)
     assert wrong.exit_code == 2
-    assert wrong.stderr.count("\n") == 1
+    assert wrong.stderr.count("\n") == 2  # the first says that it is a pickle
     assert "the model's actions have shape (21,)" in wrong.stderr
     assert invoke(*_RUN, "--policy", "sb3:none.zip").exit_code == 2
 

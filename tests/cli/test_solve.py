@@ -200,7 +200,7 @@ def test_a_shard_without_episodes_writes_nothing(tmp_path: Path) -> None:
     [
         (["--time-limit", "0.1"], "belongs to another dataset than the one asked for, whose time_"),
         (["--workers", "2", "--time-limit", "0.1"], "whose time_limit is 0.05 and 0.1: choose"),
-        (["--time-limit", "inf"], "--time-limit is inf; expected a number of seconds"),
+        (["--time-limit", "inf"], "has no time limit, so an episode might never end"),
         (["--shard", "2/1"], "--shard is '2/1'; expected K/N with K from 1 to N"),
         (["--seeds", "4294967295:4294967297"], "expected numbers up to 4294967295"),
     ],

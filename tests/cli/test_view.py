@@ -269,7 +269,6 @@ def test_a_process_may_launch_one_viewer_after_another(
         ),
         ((*_VIEW, "--policy", "random", "--policy", "zeor"), "did you mean 'zero'"),
         ((*_VIEW, "--speed", "0"), "speed is 0.0; expected a positive number"),
-        ((*_VIEW, "--time-limit", "inf"), "--time-limit is inf"),
     ],
 )
 def test_mistakes_are_one_line_and_start_nothing(arguments: tuple[str, ...], message: str) -> None:

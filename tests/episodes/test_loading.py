@@ -122,7 +122,7 @@ def test_a_manifest_of_other_seeds_or_rows_than_the_files_is_refused(folder: Pat
     with pytest.raises(ValueError, match="whose policy is 'random' and 'zero': remove it"):
         load(folder)
     path.write_text(text.replace("[0, 70]", "[0, 80]"))
-    with pytest.raises(ValueError, match="lists no file with the episode of seed 70; .* repeat"):
+    with pytest.raises(ValueError, match=r"lists no file with the episode of seed 70; .* repeat"):
         load(folder)
     assert load(folder, allow_gaps=True).gaps == list(range(70, 80))
 

@@ -29,7 +29,7 @@ def test_scores_are_in_the_order_of_the_suite() -> None:
 def test_a_task_that_does_not_exist_is_refused_without_a_domain_too() -> None:
     assert {score.task for score in published.scores(task="walk")} == {"walk"}
     for domain in (None, "walker"):
-        with pytest.raises(ValueError, match="has no task 'wlak'; expected one of"):
+        with pytest.raises(ValueError, match=r"no .*'.* Did you mean"):
             published.scores(domain, "wlak")
 
 
@@ -94,7 +94,7 @@ def test_agent_steps_are_control_steps_by_the_action_repeat() -> None:
 
 
 def test_an_unknown_name_is_refused_with_a_close_one() -> None:
-    with pytest.raises(ValueError, match=r"no domain 'human' .*Did you mean 'humanoid'\?"):
+    with pytest.raises(ValueError, match=r"no 'human' .*Did you mean 'humanoid'\?"):
         published.scores("human")
-    with pytest.raises(ValueError, match="humanoid has no task 'hop'; expected one of stand, walk"):
+    with pytest.raises(ValueError, match="no 'humanoid hop' among the suite's published scores"):
         published.best("humanoid", "hop", 1_000_000)

@@ -1,7 +1,5 @@
 """Statistics of runs on a set of tasks: interquartile mean, stratified bootstrap, percentiles."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -58,19 +56,6 @@ def test_a_task_on_which_all_runs_agree_adds_no_width() -> None:
     assert low == high == interquartile_mean(scores)
 
 
-def test_another_statistic_has_its_own_interval() -> None:
-    scores = _scores(5, 4, 0)
-
-    def mean(resamples: np.ndarray) -> np.ndarray:
-        return resamples.mean(axis=(-2, -1))
-
-    low, high = stratified_interval(scores, mean) or (0, 0)
-    assert low < scores.mean() < high
-    # Strata: the variance is the sum of those of the tasks' means.
-    width = 2 * 1.96 * np.sqrt(scores.var(axis=0).sum() / 5) / 4
-    assert high - low == pytest.approx(width, rel=0.05)  # as far as it is normal
-
-
 def test_one_run_has_no_interval() -> None:
     assert stratified_interval(np.ones((1, 28))) is None
 
@@ -105,11 +90,3 @@ def test_lists_are_scores_too() -> None:
     assert interquartile_mean(scores) == 2.5  # pyright: ignore[reportArgumentType]
     assert percentiles(scores)[50] == 2.5  # pyright: ignore[reportArgumentType]
     assert stratified_interval(scores) == (1.5, 3.5)  # pyright: ignore[reportArgumentType]
-
-
-@pytest.mark.parametrize("statistic", [np.mean, lambda drawn: np.full(len(drawn), np.nan)])
-def test_a_statistic_returns_a_number_for_each_resample(statistic: Any) -> None:
-    with pytest.raises(ValueError, match=r"statistic returned .*; expected a finite number for"):
-        stratified_interval(np.ones((2, 3)), statistic)
-    with pytest.raises(ValueError, match="resamples is 0; expected at least 1"):
-        stratified_interval(np.ones((2, 3)), resamples=0)

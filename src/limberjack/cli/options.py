@@ -1,7 +1,6 @@
 """Arguments and options that several commands have, described in the same words."""
 
 import json
-import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -45,7 +44,6 @@ __all__ = [
     "Workers",
     "camera_named",
     "chosen_seeds",
-    "finite",
     "folder_named",
     "function_named",
     "named_environment",
@@ -382,13 +380,6 @@ def chosen_seeds(seeds: str | None, episodes: int | None, default: int) -> range
             f"--episodes is {episodes}, but --seeds {seeds} holds {len(chosen)}: give more seeds"
         )
     return chosen[:episodes]
-
-
-def finite(time_limit: float | None) -> float | None:
-    """A time limit; raises ValueError for an infinite one, with which nothing would end."""
-    if time_limit is not None and math.isinf(time_limit):
-        raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
-    return time_limit
 
 
 def refuse_beside(others: Mapping[str, object], owner: str) -> None:

@@ -25,7 +25,6 @@ from limberjack.cli.options import (
     TimeLimit,
     Vectorised,
     chosen_seeds,
-    finite,
     named_environment,
     world_named,
 )
@@ -94,7 +93,7 @@ def _run(
                 policy,
                 chosen_seeds(seeds, episodes, 1),
                 out=out,
-                time_limit=finite(time_limit),
+                time_limit=time_limit,
                 action_repeat=action_repeat,
                 scale=Scale(
                     num_threads=threads, on_state=progress.show_state, vectorised=vectorised

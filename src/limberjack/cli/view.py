@@ -16,7 +16,6 @@ from limberjack.cli.options import (
     Seed,
     TaskName,
     TimeLimit,
-    finite,
     named_environment,
     world_named,
 )
@@ -122,7 +121,7 @@ def _view(
         from limberjack.workers.factories import factory_of
 
         where = named_environment(domain, task, env, time_limit)
-        factory = factory_of(*where, finite(time_limit), world_named(env, faults, appearance))
+        factory = factory_of(*where, time_limit, world_named(env, faults, appearance))
         plans = Plans()
         named = {"--env": env, "--faults": faults, "--appearance": appearance}
         modules = context.find_root().params["modules"] or []

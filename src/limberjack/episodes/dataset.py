@@ -282,7 +282,6 @@ class Dataset:
             rewards of single steps.
 
         Raises:
-          TypeError: `observations` is a text.
           ValueError: there is no such observation, or a number is out of range.
         """
         if discount is not None and not 0 <= discount <= 1:
@@ -305,11 +304,6 @@ class Dataset:
     def _checked_names(self, observations: Iterable[str]) -> tuple[str, ...]:
         """The names of some observations; raises an error if they are none that are read here."""
         chosen, names = tuple(observations), self.observed
-        if isinstance(observations, str):
-            raise TypeError(
-                f"observations is the text {observations!r}; expected names, such as "
-                f"[{observations!r}]"
-            )
         for name in chosen:
             if name not in names:
                 raise ValueError(

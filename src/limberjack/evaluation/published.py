@@ -116,17 +116,11 @@ def best(domain: str, task: str, steps: int | None) -> PublishedScore | None:
 def _check(domain: str | None, task: str | None) -> None:
     """Raises ValueError unless the file knows the domain and the task, where they are named."""
     known = [(score.domain, score.task) for score in _scores()] + list(none_found())
-    domains = dict.fromkeys(one for one, _ in known)
-    if domain is not None and domain not in domains:
+    if not any(domain in (None, one) and task in (None, name) for one, name in known):
+        names = [f"{one if domain else ''} {name if task else ''}".strip() for one, name in known]
+        given = f"{domain or ''} {task or ''}".strip()
         raise ValueError(
-            f"no domain {domain!r} among the suite's published scores; expected one of "
-            f"{', '.join(domains)}.{did_you_mean(domain, domains)}"
-        )
-    tasks = dict.fromkeys(name for one, name in known if domain in (None, one))
-    if task is not None and task not in tasks:
-        raise ValueError(
-            f"{domain or 'the suite'} has no task {task!r}; expected one of {', '.join(tasks)}."
-            f"{did_you_mean(task, tasks)}"
+            f"no {given!r} among the suite's published scores.{did_you_mean(given, names)}"
         )
 
 

@@ -11,8 +11,6 @@ definitions are those of rliable (https://github.com/google-research/rliable, co
 policy on one task are in `limberjack.episodes.statistics`.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from limberjack.episodes.statistics import bootstrapped
@@ -46,12 +44,9 @@ def interquartile_mean(scores: np.ndarray) -> np.ndarray:
 
 
 def stratified_interval(
-    scores: np.ndarray,
-    statistic: Callable[[np.ndarray], np.ndarray] = interquartile_mean,
-    *,
-    resamples: int = RESAMPLES,
+    scores: np.ndarray, *, resamples: int = RESAMPLES
 ) -> tuple[float, float] | None:
-    """The 95 % interval of a statistic over runs, by the stratified percentile bootstrap.
+    """The 95 % interval of the interquartile mean over runs, by the stratified bootstrap.
 
     Each task is a stratum: a resample has, for each task, as many of that task's scores as there
     are runs, drawn with replacement. The bounds are the 2.5 % and the 97.5 % quantile of the
@@ -59,32 +54,22 @@ def stratified_interval(
 
     Args:
       scores: (runs, tasks).
-      statistic: takes (resamples, runs, tasks) and returns (resamples,).
       resamples: number of resamples, at least 1.
 
     Returns:
       The bounds; None for fewer than two runs, which have no spread.
 
     Raises:
-      ValueError: the scores have another shape, are not finite, or there are none; there are no
-        resamples, or the statistic returns another number of finite values.
+      ValueError: the scores have another shape, are not finite, or there are none.
     """
     scores = _checked(scores)
     runs, tasks = scores.shape
-    if resamples < 1:
-        raise ValueError(f"resamples is {resamples}; expected at least 1")
     if runs < 2:
         return None
 
     def of_resamples(stream: np.random.RandomState, count: int) -> np.ndarray:
         drawn = stream.randint(runs, size=(count, runs, tasks))
-        found = np.asarray(statistic(scores[drawn, np.arange(tasks)]))
-        if found.shape != (count,) or not np.isfinite(found).all():
-            raise ValueError(
-                f"statistic returned {found!r}; expected a finite number for each of {count} "
-                "resamples, over the last two axes"
-            )
-        return found
+        return interquartile_mean(scores[drawn, np.arange(tasks)])
 
     return bootstrapped(of_resamples, scores.size, resamples)
 
