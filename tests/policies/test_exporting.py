@@ -294,9 +294,9 @@ def test_networks_without_a_form_in_the_format_are_refused_by_name(
     _trained(path, baselines, "SAC", use_sde=True)
     _refused("it has a Hardtanh, which has no form in a policy file", path)
     _trained(path, baselines, "PPO", policy_kwargs={"activation_fn": _steep})
-    _refused("its LeakyReLU has negative_slope=0.5; only 0.01 is known", path)
+    _refused("the file would act otherwise: an action differs by", path)
     path.write_text("no model")
-    _refused(".* is not a model of Stable-Baselines3", path)
+    _refused(".* cannot be read .* a file that model.save wrote", path)
 
 
 def test_exploration_of_states_does_not_change_what_is_exported(
