@@ -210,12 +210,12 @@ def test_an_action_of_any_shape_that_is_not_finite_is_refused(
 @pytest.mark.parametrize(
     ("returned", "message"),
     [
-        (np.zeros(4), "returned an action of shape (4,); expected (3,)"),
-        (0.0, "returned an action of shape (); expected (3,)"),
-        ([[0, 0, 0]], "returned an action of shape (1, 3); expected (3,)"),
+        (np.zeros(4), "and shape (4,); expected numbers of shape (3,)"),
+        (0.0, "and shape (); expected numbers of shape (3,)"),
+        ([[0, 0, 0]], "and shape (1, 3); expected numbers of shape (3,)"),
         ([0, np.nan, 0], "returned nan at index [1]; expected finite numbers"),
         ([0, 0, -np.inf], "returned -inf at index [2]; expected finite numbers"),
-        (None, "returned NoneType of dtype object; expected numbers of shape (3,)"),
+        (None, "returned NoneType of dtype object and shape (); expected numbers of shape (3,)"),
         ("left", "returned str of dtype <U4"),
         ([[0], [0, 0]], "returned something other than an array of numbers"),
     ],

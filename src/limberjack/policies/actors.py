@@ -30,7 +30,16 @@ from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.rows import RowsEnvironment
 
-__all__ = ["ActBatch", "Alone", "Batched", "Deferred", "EachRow", "ResetBatch", "as_array"]
+__all__ = [
+    "ActBatch",
+    "Alone",
+    "Batched",
+    "Deferred",
+    "EachRow",
+    "ResetBatch",
+    "as_numbers",
+    "check_finite",
+]
 
 ActBatch = Callable[[Mapping[str, np.ndarray]], object]
 ResetBatch = Callable[[np.ndarray, np.ndarray], object]
@@ -215,22 +224,10 @@ class Batched:
     def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
         """The policy's actions for these rows; raises PolicyError if they are invalid."""
         expected = (ROWS, *self._actions.shape[1:])
-        actions = as_array(self._where(rows[0]), returned)
-        if actions.dtype.kind not in "iuf" or actions.shape != expected:
-            raise PolicyError(
-                f"{self._where(rows[0])}: returned {type(returned).__name__} of dtype "
-                f"{actions.dtype} and shape {actions.shape}; expected numbers of shape {expected}, "
-                f"for all {ROWS} rows"
-            )
-        actions = actions[self._shown_in[rows]]
-        finite = np.isfinite(actions).reshape(len(rows), -1)
-        if not finite.all():
-            first = int(np.flatnonzero(~finite.all(axis=-1))[0])
-            action, is_bad = actions[first].ravel(), ~finite[first]
-            raise PolicyError(
-                f"{self._where(rows[first])}: returned {action[is_bad][0]} at index "
-                f"{np.flatnonzero(is_bad).tolist()}; expected finite numbers"
-            )
+        actions = as_numbers(self._where(rows[0]), returned, expected)[self._shown_in[rows]]
+        is_bad = ~np.isfinite(actions).reshape(len(rows), -1).all(axis=-1)
+        for row, action in zip(rows[is_bad], actions[is_bad], strict=True):
+            check_finite(self._where(row), action)
         return actions
 
     def _where(self, row: int) -> str:
@@ -269,11 +266,27 @@ def _spread(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     return shown
 
 
-def as_array(where: str, returned: object) -> np.ndarray:
-    """An array of what a policy returned; raises a PolicyError that begins with `where`."""
+def as_numbers(where: str, returned: object, shape: tuple[int, ...]) -> np.ndarray:
+    """The numbers that a policy returned; raises a PolicyError that begins with `where`."""
     try:
-        return np.asarray(returned)
+        array = np.asarray(returned)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere
         raise PolicyError(
             f"{where}: returned something other than an array of numbers: {error}"
         ) from error
+    if array.dtype.kind not in "iuf" or array.shape != shape:
+        raise PolicyError(
+            f"{where}: returned {type(returned).__name__} of dtype {array.dtype} and shape "
+            f"{array.shape}; expected numbers of shape {shape}"
+        )
+    return array
+
+
+def check_finite(where: str, action: np.ndarray) -> None:
+    """Raises a PolicyError that begins with `where` unless all numbers of an action are finite."""
+    is_bad = ~np.isfinite(action)
+    if is_bad.any():
+        raise PolicyError(
+            f"{where}: returned {action[is_bad][0]} at index {np.flatnonzero(is_bad).tolist()}; "
+            "expected finite numbers"
+        )

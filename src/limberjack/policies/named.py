@@ -16,7 +16,15 @@ from types import ModuleType
 import numpy as np
 from dm_env import specs
 
-from limberjack.policies.actors import ActBatch, Alone, Batched, EachRow, ResetBatch, as_array
+from limberjack.policies.actors import (
+    ActBatch,
+    Alone,
+    Batched,
+    EachRow,
+    ResetBatch,
+    as_numbers,
+    check_finite,
+)
 from limberjack.policies.built_in import BUILT_IN
 from limberjack.policies.kinds import Act, Actor, Locating, Policy, PolicyError
 from limberjack.rl.action_specs import spec_of
@@ -254,29 +262,10 @@ def _checking_policy(
             where = f"policy {name!r}, step {next(steps)} of the episode with seed {seed}"
             with Locating(where):
                 returned = act(observation)
-            return _checked_action(where, returned, spec)
+            action = as_numbers(where, returned, spec.shape)
+            check_finite(where, action)
+            return action
 
         return checked
 
     return begin
-
-
-def _checked_action(where: str, returned: object, spec: specs.BoundedArray) -> np.ndarray:
-    """A policy's action as an array; raises PolicyError if it is not an action of the spec."""
-    action = as_array(where, returned)
-    if action.dtype.kind not in "iuf":
-        raise PolicyError(
-            f"{where}: returned {type(returned).__name__} of dtype {action.dtype}; expected "
-            f"numbers of shape {spec.shape}"
-        )
-    if action.shape != spec.shape:
-        raise PolicyError(
-            f"{where}: returned an action of shape {action.shape}; expected {spec.shape}"
-        )
-    finite = np.isfinite(action)
-    if not finite.all():
-        bad = np.flatnonzero(~finite).tolist()
-        raise PolicyError(
-            f"{where}: returned {action[~finite][0]} at index {bad}; expected finite numbers"
-        )
-    return action
