@@ -36,6 +36,7 @@ from limberjack.episodes.manifest import (
     File,
     Manifest,
     check_name,
+    check_recipe,
     damage_reported,
     file_name,
     named_seeds,
@@ -201,12 +202,7 @@ class Folder:
         return shard
 
     def _check_recipe(self, path: Place, recipe: Recipe) -> None:
-        difference = recipe.difference(self._recipe)
-        if difference is not None:
-            raise ValueError(
-                f"{path} belongs to another dataset than the one asked for, whose {difference}: "
-                "choose another folder"
-            )
+        check_recipe(path, recipe, self._recipe)
 
     def plan(self, seeds: Sequence[int], own: Sequence[int] | None = None) -> list[int]:
         """The seeds to be played, whose episodes are not here; then `ready` has what to join.

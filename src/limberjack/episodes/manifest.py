@@ -33,6 +33,7 @@ __all__ = [
     "Manifest",
     "check_manifest",
     "check_name",
+    "check_recipe",
     "damage_reported",
     "file_name",
     "in_lines",
@@ -65,6 +66,16 @@ def check_name(path: Place, seeds: range) -> None:
     if named_seeds(path.name) != seeds:
         raise ValueError(
             f"{path} has the episodes of {file_name(seeds)}: give it its name back, or remove it"
+        )
+
+
+def check_recipe(path: Place, recipe: Recipe, expected: Recipe) -> None:
+    """Raises ValueError unless a file's recipe is that of the dataset that is asked for."""
+    difference = recipe.difference(expected)
+    if difference is not None:
+        raise ValueError(
+            f"{path} belongs to another dataset than the one asked for, whose {difference}: choose "
+            "another folder, or give the command that collected it"
         )
 
 

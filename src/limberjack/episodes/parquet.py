@@ -34,7 +34,7 @@ import numpy as np
 
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.figures import Figures
-from limberjack.episodes.manifest import REPAIR, DamagedError
+from limberjack.episodes.manifest import REPAIR, DamagedError, check_recipe
 from limberjack.episodes.places import Place, check_file, opened
 from limberjack.episodes.recipe import (
     FIELD,
@@ -293,11 +293,7 @@ def join(recipe: Recipe, seeds: range, parts: Iterable[Shard], file: Path) -> No
     def episodes() -> Iterator[Episode]:
         following = seeds.start
         for part in parts:
-            difference = recipe.difference(part.recipe)
-            if difference is not None:
-                raise ValueError(
-                    f"{part.path} is of another dataset, whose {difference}: remove it"
-                )
+            check_recipe(part.path, part.recipe, recipe)
             if following not in part.seeds:
                 break
             with part.opened() as read:

@@ -21,6 +21,7 @@ from limberjack.episodes.manifest import (
     DamagedError,
     File,
     Manifest,
+    check_recipe,
     named_seeds,
     sha256_of,
 )
@@ -71,7 +72,7 @@ def _damaged_lists(directory: Place, recipe: Recipe) -> Iterator[Place]:
             continue
         if manifest is None:
             continue
-        _check_recipe(path, manifest.recipe, recipe)
+        check_recipe(path, manifest.recipe, recipe)
         if path.name == MANIFEST and _is_wrong(path, manifest, directory / EPISODES):
             yield path
 
@@ -111,19 +112,10 @@ def _is_damaged(path: Place, recipe: Recipe, listed: Mapping[str, File]) -> bool
             pass
     except ValueError:
         return True
-    _check_recipe(path, shard.recipe, recipe)
+    check_recipe(path, shard.recipe, recipe)
     if named_seeds(path.name) != shard.seeds:
         return True
     return path.name in listed and listed[path.name].sha256 != sha256_of(path)
-
-
-def _check_recipe(path: Place, recipe: Recipe, expected: Recipe) -> None:
-    difference = recipe.difference(expected)
-    if difference is not None:
-        raise ValueError(
-            f"{path} belongs to another dataset than the one asked for, whose {difference}: give "
-            "the command that collected it"
-        )
 
 
 def _free(folder: Place, name: str) -> Place:
