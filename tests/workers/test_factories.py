@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from limberjack import suite
+from limberjack.episodes.environments import step_limit_of
 from limberjack.rl.control import Environment
 from limberjack.workers.factories import factory_of
 from tests import plain_domain
@@ -22,8 +23,8 @@ def test_names_make_the_environment_that_the_suite_loads() -> None:
         "stacker stack_2",
         {"domain": "stacker", "task": "stack_2"},
     )
-    made, loaded = factory.make_plain(3), suite.load("stacker", "stack_2", {"random": 3})
-    assert made.step_limit == 20
+    made, loaded = factory.make(3), suite.load("stacker", "stack_2", {"random": 3})
+    assert step_limit_of(made) == 20
     assert (
         made.reset().observation["box_pos"].tolist()
         == loaded.reset().observation["box_pos"].tolist()
@@ -53,7 +54,7 @@ def test_a_function_is_known_by_its_module_its_name_and_its_source() -> None:
     assert factory.title == factory.facts["environment"] == "tests.plain_domain:make"
     assert re.fullmatch("[0-9a-f]{64}", factory.facts["environment_sha256"] or "")
     assert factory.is_known
-    assert factory.make_plain(3).step_limit == 25
+    assert step_limit_of(factory.make(3)) == 25
 
 
 class _Maker:
@@ -84,7 +85,7 @@ def test_a_function_that_depends_on_more_than_its_source_has_no_hash(
     factory = factory_of(make)
     assert factory.facts["environment_sha256"] is None
     assert not factory.is_known
-    assert factory.make_plain(3).step_limit == 25
+    assert step_limit_of(factory.make(3)) == 25
 
 
 def _broken(seed: int) -> Environment:

@@ -97,7 +97,7 @@ def test_another_policy_and_other_threads_keep_the_task() -> None:
     zero = setup.with_policy("zero", policies.find("zero"), expected.identity)
     assert vars(zero) == {**vars(expected), "made": setup.made}
     assert zero.unit_size == 64
-    assert dataclasses.replace(zero, num_threads=3).opened().num_threads == 3
+    assert dataclasses.replace(zero, num_threads=3).opened().actor.name == "zero"
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_another_canary_is_refused_unless_any_processor_will_do() -> None:
     other = dataclasses.replace(prepare(*TASK, "random"), canary="0")
     with pytest.raises(Refused, match=r"its canary is .*, and the driver's is '0': .*--any-proc"):
         other.opened()
-    assert dataclasses.replace(other, any_processor=True).opened().processor
+    assert dataclasses.replace(other, any_processor=True).opened().actor
 
 
 def test_a_policy_whose_file_has_changed_since_is_refused(

@@ -44,6 +44,7 @@ from limberjack.bench.contest import (
 )
 from limberjack.policies import bundled, mlp
 from limberjack.rl.action_specs import bounds_to_try
+from limberjack.rl.batches import vectorisable
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.training.settings import Settings, settings_for
@@ -265,7 +266,7 @@ class _Sweep:
         """Measures a column, or notes the reason why it cannot be measured."""
         with contextlib.ExitStack() as stack:
             # Batches share its compiled model, which is no memory of theirs.
-            stack.callback(self.factory.make_plain(SEED).close)
+            stack.callback(vectorisable(self.factory.make(SEED)).close)
             makers = {(OURS, n): partial(_MAKERS[column], self, n, stack) for n in self.counts}
             if column == "step":
                 makers |= _makers_of_envpool(self, stack)

@@ -17,6 +17,7 @@ from limberjack.gym.vector import VectorEnv
 from limberjack.mujoco import row_fields
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batches import vectorisable
 from limberjack.suite import base
 from limberjack.workers.factories import Factory, Make, factory_of
 
@@ -222,7 +223,7 @@ def batch_of_task(factory: Factory, num_envs: int, num_threads: int) -> BatchEnv
       ValueError, TypeError: there is no such task, it is not vectorised, or a number is out of
         range.
     """
-    environment = factory.make_plain(SEED)
+    environment = vectorisable(factory.make(SEED))
     return BatchEnvironment.from_environment(environment, num_envs, num_threads, SEED)
 
 

@@ -242,7 +242,7 @@ def play_unit(setup: Setup, seeds: Sequence[int], kept: Kept | None = None) -> l
     """
     here = setup.opened()
     how = {
-        "num_threads": here.num_threads,
+        "num_threads": setup.num_threads,
         "action_repeat": setup.action_repeat,
         "vectorised": setup.vectorised,
     }

@@ -24,6 +24,7 @@ from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import distinct_seeds
 from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit
 from limberjack.workers.factories import Make
+from limberjack.workers.identity import processor
 from limberjack.worlds import World
 
 __all__ = ["FLOORS", "evaluate", "play_unit"]
@@ -184,9 +185,8 @@ def _missing(store: Store, player: Player) -> list[int]:
 
 def play_unit(setup: Setup, seeds: Sequence[int]) -> list[Score]:
     """The scores of the first episodes of these seeds, with their kinds of starts, in a worker."""
-    processor = setup.opened().processor if setup.any_processor else None
-    played = playing.play_unit(setup, seeds)
-    return [Score.of(episode, processor=processor) for episode in played]
+    played_by = processor() if setup.any_processor else None
+    return [Score.of(one, processor=played_by) for one in playing.play_unit(setup, seeds)]
 
 
 def _evaluation(identity: Facts, policy: str, store: Store, seeds: Sequence[int]) -> Evaluation:

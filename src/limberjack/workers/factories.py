@@ -20,9 +20,7 @@ import dm_env
 from limberjack import registry, suite
 from limberjack.policies import name_of
 from limberjack.policies.kinds import Locating
-from limberjack.rl.batches import vectorisable
 from limberjack.rl.builds import Build, takes_a_seed
-from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.sources import defined_in, hash_of_module, hash_of_source, imported
 from limberjack.utils.suggest import check_names
@@ -62,19 +60,6 @@ class Factory:
         """
         is_named = "domain" in self.facts
         return Build(self.make, self.title, environment if is_named else None)
-
-    def make_plain(self, seed: int) -> Environment:
-        """An environment for code that knows the suite's kind only, as recordings and films do.
-
-        Raises:
-          ValueError: it has methods or attributes of its own, or its task remembers something.
-        """
-        made = self.make(seed)
-        try:
-            return vectorisable(made)
-        except ValueError:
-            made.close()
-            raise
 
     def lasting(self, time_limit: float | None = None) -> "Factory":
         """The same factory with another time limit, the task's own if None; a function stays."""

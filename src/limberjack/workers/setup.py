@@ -31,7 +31,6 @@ from limberjack.workers.identity import (
     canary_of,
     first_difference,
     identity_of,
-    processor,
 )
 from limberjack.workers.shipping import Shipped, ship, unpack
 from limberjack.worlds import World
@@ -70,16 +69,12 @@ class Opened:
       build: makes environments like `environment`, for any seed.
       factory: made the environment.
       actor: the policy, which no other thread uses.
-      num_threads: that step a batch; None for as many as its work can occupy.
-      processor: the processor and the C library, in words.
     """
 
     environment: dm_env.Environment
     build: Build
     factory: Factory
     actor: Actor
-    num_threads: int | None
-    processor: str
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -157,8 +152,7 @@ class Setup:
                 f"node {socket.gethostname()} is refused: its {name} is {value!r}, and the "
                 f"driver's is {there!r}: use equal versions, files and processors{advice_on(name)}"
             )
-        build = factory.build(environment)
-        return Opened(environment, build, factory, actor, self.num_threads, processor())
+        return Opened(environment, factory.build(environment), factory, actor)
 
 
 def prepare(
