@@ -30,7 +30,6 @@ from limberjack.cli.options import (
 )
 from limberjack.cli.output import (
     FAILED,
-    MISUSED,
     complain,
     console,
     failures_reported,
@@ -120,10 +119,9 @@ def finish(run: "Run", progress: Units, out: Path | None) -> int:
     except BaseException as error:  # Ctrl-C too: finished episodes are kept
         failure = error
     progress.close()
-    is_misuse = isinstance(failure, ValueError | OSError) and progress.finished is None
-    if is_misuse and failure is not None:
-        complain(failure)
-        return MISUSED
+    if failure is not None and progress.finished is None:
+        with failures_reported(progress, lambda: "no episode was played"):
+            raise failure
     unwritten = _written(run)  # first, because printing to a closed pipe fails
     _print_episodes(run.episodes)
     for line in run.left_out:

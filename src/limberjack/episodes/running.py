@@ -287,7 +287,6 @@ class Run:
         how = {"most_steps": episode.length, "on_step": on_step}
         with contextlib.closing(batch):
             ((again,),) = play(batch, actor, [episode.seed], **how)
-        recorder.finish_film()
         # Another processor has played it.
         if not np.array_equal(again.rewards, episode.rewards, equal_nan=True):
             gap = abs(again.total - episode.total)

@@ -53,7 +53,6 @@ def _played(recorder: report.Recorder, env: Any) -> None:
         time_step = env.step(action)
         total += time_step.reward
         recorder.add_step(Step(number, total, time_step, action))
-    recorder.finish_film()
 
 
 def test_an_episode_that_cannot_be_filmed_is_reported_in_one_line_and_the_rest_is_written(

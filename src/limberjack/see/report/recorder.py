@@ -3,7 +3,6 @@
     with Recorder(Path("out"), run) as recorder:
         recorder.begin(environment)
         run_episode(environment, policy, seed, on_step=recorder.add_step)
-        recorder.finish_film()
         recorder.write(run, episodes, fingerprint)
     print(recorder.written, recorder.left_out)
 
@@ -65,7 +64,6 @@ class Recorder:
         self._command = command
         self._reasons: dict[str, list[str]] = {}  # names of the files left out, by the reason
         self._film: Film | None = None
-        self._is_filmed = False  # to the end of the episode
         self._trace: Trace | None = None
         self._physics: Rendered | None = None
 
@@ -112,13 +110,9 @@ class Recorder:
         if self._trace is not None:
             self._trace.add_plan(stage, terms)
 
-    def finish_film(self) -> None:
-        """End the film, if there is one; `write` puts it beside the result that it belongs to."""
-        self._is_filmed = self._film is not None
-
     def drop_film(self) -> None:
         """Remove the film, if it is not in its place."""
-        film, self._film, self._is_filmed = self._film, None, False
+        film, self._film = self._film, None
         if film is not None:
             film.discard()
 
@@ -162,10 +156,9 @@ class Recorder:
             self.written.append(path)
 
     def _write_film(self) -> None:
-        film = self._film
-        if film is not None and self._is_filmed:
+        if self._film is not None:
             try:
-                film.finish()
+                self._film.finish()
                 self.written.append(self._directory / _FILM)
             except OSError as error:
                 self._leave_out(_FILM, error)
