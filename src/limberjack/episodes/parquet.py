@@ -26,6 +26,7 @@ import contextlib
 import io
 import itertools
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -342,14 +343,9 @@ def _plain(values: Plain) -> pa.Array:
 
 
 def _parquet_file(path: Place, **how: bool) -> pq.ParquetFile:
-    """An open file, which pyarrow's own functions refuse if its name is no text."""
-    if not isinstance(path, Path):
-        return pq.ParquetFile(opened(path), **how)
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return pq.ParquetFile(io.BytesIO(path.read_bytes()), **how)
-    return pq.ParquetFile(path, **how)
+    """An open file, whose name need not be a text."""
+    file = pa.OSFile(os.fsencode(path)) if isinstance(path, Path) else opened(path)
+    return pq.ParquetFile(file, **how)
 
 
 def _write(
