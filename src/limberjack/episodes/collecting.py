@@ -38,7 +38,6 @@ from limberjack.episodes.repairing import set_aside
 from limberjack.episodes.writing import FILE, LIST, PART, Order, Unseen, work
 from limberjack.policies import PolicyError
 from limberjack.registry.sets import Tasks, refusals_named, tasks_of
-from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, OnState, Scale, State, Unit, counted_from
 from limberjack.workers.factories import Make, factory_of
@@ -213,7 +212,9 @@ def collect_with(
             f"policy {player.actor.name!r} has no source file, so nothing would prove later that "
             "episodes are its own: define it in a file"
         )
-    recipe = _recipe(player.identity, player.environment, kept or Kept(), file_mb)
+    facts = player.identity.copy()
+    facts["versions"] = {**facts["versions"], "pyarrow": PYARROW}
+    recipe = recipe_of(facts, player.environment, kept or Kept(), file_mb)
     if replaces:
         assert isinstance(directory, Path)  # of `run` and `solve`, which also write films there
         discard_other(directory, recipe)
@@ -298,13 +299,6 @@ def _report_unseen(folder: Folder, node: str, scale: Scale) -> None:
 
 def _in_order(episodes: Iterable[Episode]) -> list[Episode]:
     return sorted(episodes, key=lambda episode: episode.seed)
-
-
-def _recipe(identity: Facts, environment: dm_env.Environment, kept: Kept, file_mb: float) -> Recipe:
-    """The recipe of the episodes of an identity."""
-    facts = identity.copy()
-    facts["versions"] = {**identity["versions"], "pyarrow": PYARROW}
-    return recipe_of(facts, environment, kept, file_mb)
 
 
 def _call(missing: Sequence[int], command: str, canary: str, scale: Scale) -> dict[str, object]:

@@ -40,7 +40,7 @@ from limberjack.episodes.manifest import (
     REPAIR,
     DamagedError,
     File,
-    check_manifest,
+    Manifest,
     sha256_of,
 )
 from limberjack.episodes.parquet import Shard
@@ -441,8 +441,9 @@ class Dataset:
         first = self.shards[0].path
         is_whole = self._files.keys() == {shard.path.name for shard in self.shards}
         if self._files and isinstance(first, Path) and is_whole:
-            figures = [shard.figures() for shard in self.shards]
-            check_manifest(first.parent.parent / MANIFEST, figures)
+            path = first.parent.parent / MANIFEST
+            if (manifest := Manifest.read(path)) is not None:
+                manifest.check(path, [shard.figures() for shard in self.shards])
 
     def batches(self, size: int, *, seed: int | None = None, buffer: int = 0) -> Iterator[Batch]:
         """All transitions once, in batches; the last one may be smaller.

@@ -31,7 +31,6 @@ __all__ = [
     "DamagedError",
     "File",
     "Manifest",
-    "check_manifest",
     "check_name",
     "check_recipe",
     "damage_reported",
@@ -211,13 +210,6 @@ class Manifest:
             if any(b.start < a.stop for a, b in itertools.pairwise(ranges)):
                 raise ValueError("its seeds do not increase")
         return cls(recipe, wanted, files)
-
-
-def check_manifest(path: Place, figures: Sequence[Figures]) -> None:
-    """Compares a manifest with the figures of its files; raises as `Manifest.check`, and `read`."""
-    manifest = Manifest.read(path)
-    if manifest is not None:
-        manifest.check(path, figures)
 
 
 def in_lines(content: Mapping[str, object]) -> str:
