@@ -143,8 +143,7 @@ def test_a_module_that_cannot_be_imported_is_named(
 def test_a_relative_import_is_refused() -> None:
     result = invoke("--import", ".domains", "list")
     assert result.exit_code == 2
-    assert result.stderr.startswith("limberjack: --import .domains: TypeError: the 'package' arg")
-    assert result.stderr.count("\n") == 1
+    assert result.stderr == "limberjack: --import .domains: expected the full name of a module\n"
 
 
 # Any: Typer's own classes of commands.

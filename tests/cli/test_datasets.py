@@ -253,6 +253,18 @@ def test_a_dataset_of_a_users_environment_needs_its_function(tmp_path: Path) -> 
         assert result.stderr.count("\n") == 1
 
 
+def test_a_recording_of_an_earlier_version_names_the_last_one_that_reads_it(tmp_path: Path) -> None:
+    np.savez(tmp_path / "episode-0.npz", actions=np.zeros(3))
+    for name in ("episode-0.npz", "missing.npz"):
+        result = invoke("replay", str(tmp_path / name))
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert result.stderr == (
+            f"limberjack: {tmp_path / name} is a recording of an earlier version; limberjack 0.1.0 "
+            "is the last one that reads it. `limberjack solve --out DIR` now writes a dataset: "
+            "replay DIR\n"
+        )
+
+
 def test_other_files_and_folders_are_one_line_and_status_2(tmp_path: Path) -> None:
     np.save(tmp_path / "objects.npy", np.array([{}]), allow_pickle=True)
     (tmp_path / "result.json").write_text("{}")

@@ -149,6 +149,7 @@ def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path
     [
         (["--out", "film.avi"], "a film called 'film.avi'; expected a name that ends in .mp4 or"),
         (["--out", "film"], "expected a name that ends in .mp4 or .gif"),
+        (["--out", "nowhere/film.mp4"], "there is no directory nowhere"),
         (["--rows", "3", "--seed", str(2**32 - 2)], "last row's seed is 4294967296; expected"),
         (["--camera", "sied"], "sied"),
         (["--camera", "7"], "camera_id is 7"),
@@ -187,14 +188,13 @@ def test_a_film_may_be_larger_than_the_models_own_pictures(tmp_path: Path, rows:
 
 
 @pytest.mark.usefixtures("pictures")
-@pytest.mark.parametrize("name", ["folder.mp4", "nowhere/film.mp4"])
-def test_a_place_that_takes_no_file_is_one_line(name: str, tmp_path: Path) -> None:
-    (tmp_path / "folder.mp4").mkdir()
-    done = _invoke(*_WALK, *_SIZE, "--out", tmp_path / name)
-    assert done.exit_code == 1
-    assert f"{tmp_path / name} is not written" in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["folder.mp4"]
+def test_a_directory_is_refused_before_anything_is_filmed(tmp_path: Path) -> None:
+    path = tmp_path / "film.mp4"
+    path.mkdir()
+    done = _invoke(*_WALK, *_SIZE, "--out", path)
+    assert done.exit_code == 2
+    assert done.stderr == f"limberjack: the film is {path}, a directory; expected a file's name\n"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.usefixtures("pictures")

@@ -140,6 +140,7 @@ def test_the_reset_of_a_class_or_object_is_called_at_each_start(module: str, nam
         ("not_a_module:act", "there is no module 'not_a_module'; run from the directory"),
         ("{}.py:act", "is a file; expected the name of its module, 'policies_of_a_user'"),
         ("{}.deeper:act", "there is no module 'policies_of_a_user.deeper'"),
+        (".{}:act", "is relative; expected its full name"),
         ("{}:rmap", "'policies_of_a_user' has no 'rmap'. Did you mean 'ramp'?"),
         ("{}:Box.stil", "has no 'Box.stil'. Did you mean 'still'?"),
         ("{}:number", "is of type int; expected a function of an observation"),

@@ -147,6 +147,8 @@ def _import(modules: list[str]) -> None:
     for module in modules:
         before = set(registry.domains())
         with misuse_reported():
+            if module.startswith("."):
+                raise ValueError(f"--import {module}: expected the full name of a module")
             try:
                 with Locating(f"--import {module}"):
                     importlib.import_module(module)

@@ -119,6 +119,7 @@ def _replay(
     `limberjack record --from DIR` films an episode.
     """
     with reading_reported("replay"):
+        _refuse_recording(directory)
         from limberjack import data
 
         make = None if env is None else function_named(env)
@@ -130,6 +131,15 @@ def _replay(
         complain(difference)
         raise typer.Exit(FAILED)
     typer.echo(f"{directory}: {len(dataset)} episodes, {dataset.steps:,} steps, every bit the same")
+
+
+def _refuse_recording(path: str) -> None:
+    """Raises ValueError for a file, such as the recordings that earlier versions wrote."""
+    if path.endswith(".npz"):
+        raise ValueError(
+            f"{path} is a recording of an earlier version; limberjack 0.1.0 is the last one that "
+            "reads it. `limberjack solve --out DIR` now writes a dataset: replay DIR"
+        )
 
 
 class _Target(enum.StrEnum):

@@ -197,6 +197,10 @@ def _held(path: Path) -> Hold:
 
 
 def _checked_path(path: Path) -> Path:
+    if not path.parent.is_dir():
+        raise ValueError(f"the film is {path}; there is no directory {path.parent}")
+    if path.is_dir():
+        raise ValueError(f"the film is {path}, a directory; expected a file's name")
     if path.name == FILM and (path.parent / RESULT).exists():
         raise ValueError(
             f"the film is {path}, and that folder's {RESULT} belongs to its present {FILM}: choose "

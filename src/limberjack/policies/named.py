@@ -211,6 +211,12 @@ def _import_module(what: str, module_name: str) -> ModuleType:
         raise PolicyError(
             f"{what}: module {module_name!r} needs {missing!r}, which is not installed"
         ) from error
+    except (TypeError, ValueError) as error:  # what importlib raises for '.name' and '..'
+        if module_name.startswith("."):
+            raise PolicyError(
+                f"{what}: module {module_name!r} is relative; expected its full name"
+            ) from error
+        raise
 
 
 def _find_attribute(what: str, module: ModuleType, path: str) -> object:
