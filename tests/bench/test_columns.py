@@ -21,6 +21,12 @@ _WITHOUT_A_POLICY = next(
 _FEW: dict[str, Any] = {"num_envs": 4, "seconds": 0.01}
 
 
+@pytest.fixture(autouse=True)
+def _short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of few rows are as long as an episode has steps for all rounds: six steps of 60."""
+    monkeypatch.setattr("limberjack.bench.contest._EPISODE", 60)
+
+
 def test_measure_compares_and_tries_numbers_of_threads() -> None:
     reported: list[tuple[str, float]] = []
     result = bench.measure(

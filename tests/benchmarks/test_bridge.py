@@ -24,6 +24,7 @@ from limberjack.registry import sets
 _REPOSITORY = Path(__file__).parents[2]
 _BENCHMARKS = _REPOSITORY / "benchmarks"
 _SEEDS = range(40_000, 40_002)
+_STEPS = 100  # of an episode; those of the suite have 1,000
 
 
 # The player.
@@ -95,13 +96,24 @@ def test_a_policy_file_needs_nothing_but_numpy_and_safetensors(tmp_path: Path) -
 def test_the_player_plays_the_episodes_of_evaluate() -> None:
     bundled = {(one.domain, one.task): one.path for one in policies.bundled()}
     network = player.Network(bundled["walker", "walk"])
-    begun = player.environments(suite, "walker", "walk", _SEEDS)
-    with one_thread():  # as `bridge.py` starts the player
-        found = [player.play(environment, network)["return"] for environment in begun]
-    expected = evaluate("walker", "walk", "pretrained", _SEEDS, num_threads=1)
+    found = [episode["return"] for episode in _played(suite, "walker", "walk", network)]
+    limit = _STEPS * 0.025  # seconds of the walker's control step
+    expected = evaluate("walker", "walk", "pretrained", _SEEDS, num_threads=1, time_limit=limit)
     expected = [score.total for score in expected.scores["pretrained"]]
-    # The player adds 1,000 rewards without rounding, `evaluate` with a rounding of 1e-16 each.
+    # The player adds rewards without rounding, `evaluate` with a rounding of 1e-16 each.
     np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+def _played(
+    side: Any, domain: str, task: str, network: player.Network | None
+) -> list[dict[str, Any]]:
+    """The results of short episodes of a suite."""
+    found = []
+    for environment in player.environments(side, domain, task, _SEEDS):
+        environment._step_limit = _STEPS  # the name is dm_control's
+        with one_thread():  # as `bridge.py` starts the player
+            found.append(player.play(environment, network))
+    return found
 
 
 def _first_steps(environment: Any) -> list[Any]:
@@ -132,10 +144,7 @@ def test_on_the_same_mujoco_both_sides_play_the_same_episodes(domain: str, task:
     bundled = {(one.domain, one.task): one.path for one in policies.bundled()}
     path = bundled.get((domain, task))
     network = None if path is None else player.Network(path)
-    here, there = (
-        [player.play(one, network) for one in player.environments(side, domain, task, _SEEDS)]
-        for side in (suite, oracle.theirs("suite"))
-    )
+    here, there = (_played(side, domain, task, network) for side in (suite, oracle.theirs("suite")))
     assert here == there
 
 

@@ -222,7 +222,7 @@ def test_lqr_is_compared_with_the_optimal_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Seconds after which both balls are at rest, where 1,000 control steps take 30.
-    monkeypatch.setattr(learned, "_time_limit", lambda *_: 60.0)
+    monkeypatch.setattr(learned, "_time_limit", lambda *_: 45.0)
     costs, gain = [], np.zeros((1, 4))
     for seed in learned.SEEDS:
         with suite.load("lqr", "lqr_2_1", task_kwargs={"random": seed}) as environment:

@@ -10,6 +10,12 @@ from tests.cli.conftest import invoke
 _FEW = ["--num-envs", "4", "--threads", "1,2", "--seconds", "0.01"]
 
 
+@pytest.fixture(autouse=True)
+def _short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of few rows are as long as an episode has steps for all rounds: six steps of 60."""
+    monkeypatch.setattr("limberjack.bench.contest._EPISODE", 60)
+
+
 def test_the_tables_name_the_contestants_and_their_reference() -> None:
     done = invoke("bench", "stacker/stack_2", *_FEW, "--columns", "inference, step")
     assert done.exit_code == 0, done.output
