@@ -21,7 +21,7 @@ from .memory import (
     free_if_grown,
     keep_little,
 )
-from .small_sky import small_sky
+from .small_sky import small_sky, small_terrain
 
 # dm_control reads this when it is imported, and fails where its first choice, a window, cannot be
 # opened. Without EGL it still simulates, and the tests that draw skip.
@@ -79,6 +79,12 @@ _UNDER_A_SMALL_SKY = {
     _TESTS / "see" / "report" / "test_labels.py",
     _TESTS / "suite" / "test_suite.py",
     _TESTS / "tools" / "test_solved_pictures.py",
+}
+# Their laws hold for a terrain of any number of points. The other files of tests/oracle compare the
+# whole one.
+_ON_A_SMALL_TERRAIN = {
+    *(_TESTS / folder for folder in ("contract", "gym", "laws", "rl")),
+    _TESTS / "oracle" / "test_batches.py",
 }
 _UNDER_THE_WHOLE_SKY = {
     _TESTS / "contract" / "test_promises_models.py",
@@ -170,6 +176,8 @@ def _sky(request: pytest.FixtureRequest) -> Iterator[None]:
             if _TESTS / "oracle" in places:
                 importlib.import_module("dm_control.suite.common")
             stack.enter_context(small_sky())
+        if is_small and not _ON_A_SMALL_TERRAIN.isdisjoint(places):
+            stack.enter_context(small_terrain())
         yield
 
 

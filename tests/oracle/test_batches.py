@@ -1,6 +1,6 @@
 """Row i of a batch is dm_control's own environment with seed + i, bit for bit.
 
-Every task plays 60 time steps of each row, across the end of an episode and a reset in the middle
+Every task plays 36 time steps of each row, across the end of an episode and a reset in the middle
 of one: the representative tasks in batches of 1, 5 and 16, the others in one of them. The modes of
 autoreset and one or two threads rotate over sizes and tasks.
 
@@ -22,7 +22,7 @@ from .rows import Play, first_difference
 pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 _SEED = 21
-_STEPS, _EPISODE = 60, 35
+_STEPS, _EPISODE = 36, 20
 _STEPS_OF_THE_LARGEST, _EPISODE_OF_THE_LARGEST = 30, 18
 _FEW, _MANY, _MOST = 5, 16, 200
 _LARGE = [
