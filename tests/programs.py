@@ -11,12 +11,19 @@ from typing import Any
 
 import limberjack
 
-__all__ = ["INSTALL", "errors_of", "report_without_places", "run", "run_benchmark"]
+__all__ = [
+    "INSTALL",
+    "LIMIT",
+    "environment",
+    "report_without_places",
+    "run",
+    "run_benchmark",
+]
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 _BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 # Seconds; a program that hangs fails, on the slowest machine too.
-_LIMIT, _LIMIT_OF_BENCHMARKS = 300, 600
+LIMIT, _LIMIT_OF_BENCHMARKS = 300, 600
 
 INSTALL = "import limberjack; limberjack.install_as_dm_control()"
 
@@ -37,8 +44,8 @@ def run(
         [python, "-W", warnings, "-c", textwrap.dedent(program), *arguments],
         capture_output=True,
         text=True,
-        env=_environment(path),
-        timeout=_LIMIT,
+        env=environment(path),
+        timeout=LIMIT,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -52,7 +59,7 @@ def run_benchmark(script: str, *arguments: str) -> subprocess.CompletedProcess[s
         [sys.executable, str(_BENCHMARKS / script), *arguments],
         capture_output=True,
         text=True,
-        env=_environment(),
+        env=environment(),
         timeout=_LIMIT_OF_BENCHMARKS,
         check=False,
     )
@@ -72,26 +79,8 @@ def report_without_places(text: str) -> dict[str, Any]:
     return report
 
 
-def _environment(first: Path | None = None) -> dict[str, str]:
+def environment(first: Path | None = None) -> dict[str, str]:
     """This process's environment variables, with the package on the module search path."""
     places = [str(place) for place in (first, _SOURCE) if place is not None]
     known = os.environ.get("PYTHONPATH")
     return {**os.environ, "PYTHONPATH": os.pathsep.join(places + ([known] if known else []))}
-
-
-def errors_of(*statements: str) -> list[tuple[str, str]]:
-    """Type and message of the error that each statement raises, in one process, after the
-    installation as dm_control.
-    """
-    program = f"""
-    import json, sys
-    {INSTALL}
-    for statement in sys.argv[1:]:
-        try:
-            exec(statement, {{}})
-        except Exception as error:
-            print(json.dumps([type(error).__name__, str(error)]))
-    """
-    errors = [json.loads(line) for line in run(program, *statements).splitlines()]
-    assert len(errors) == len(statements), f"not every statement raises: {errors}"
-    return [(kind, message) for kind, message in errors]

@@ -1,5 +1,6 @@
 """Tests of limberjack.install_as_dm_control, each in a separate Python process."""
 
+import functools
 import json
 import re
 from pathlib import Path
@@ -7,8 +8,12 @@ from pathlib import Path
 import pytest
 
 import limberjack
+from tests import warm
 from tests.contract.extras import MISSING
-from tests.programs import INSTALL, errors_of, run
+from tests.programs import INSTALL
+
+# In processes that have imported nothing of this package, and no MuJoCo.
+run = functools.partial(warm.run, imports="import gymnasium, numpy")
 
 # Modules that programs for dm_control import, and the names they use.
 IMPORTED = {
@@ -66,6 +71,24 @@ STAND_INS = [
     "dm_control.mjcf",
     "dm_control.suite.wrappers.mujoco_profiling",
 ]
+
+
+def errors_of(*statements: str) -> list[tuple[str, str]]:
+    """Type and message of the error that each statement raises, in one process, after the
+    installation as dm_control.
+    """
+    program = f"""
+    import json, sys
+    {INSTALL}
+    for statement in sys.argv[1:]:
+        try:
+            exec(statement, {{}})
+        except Exception as error:
+            print(json.dumps([type(error).__name__, str(error)]))
+    """
+    errors = [json.loads(line) for line in run(program, *statements).splitlines()]
+    assert len(errors) == len(statements), f"not every statement raises: {errors}"
+    return [(kind, message) for kind, message in errors]
 
 
 @pytest.fixture

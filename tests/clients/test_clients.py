@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from tests.programs import INSTALL, run
+from tests.programs import INSTALL
+from tests.warm import DM_CONTROL, run
 
 _HERE = Path(__file__).parent
 _LINES = {  # what each program prints
@@ -19,9 +20,9 @@ _LINES = {  # what each program prints
     "own_domain": 20,
     "planner": 9,
     "spec_driven": 8,
-    "dreamer": 24,
+    "dreamer": 12,
     "pixel_learner": 2,
-    "background": 12,
+    "background": 6,
     "custom_tasks": 264,
 }
 _CAN_DRAW = os.environ.get("MUJOCO_GL") != "disable"
@@ -50,7 +51,9 @@ def play_on_dm_control(client: str) -> str:
     # dm_control logs to standard error, and loads on this MuJoCo with the oracle's help.
     patch = "import logging; logging.disable(); import tests.oracle.oracle"
     file = str(_HERE / f"{client}.py")
-    return run(f"{patch}; {_PLAY}", file, path=_HERE.parents[1], warnings="ignore")
+    return run(
+        f"{patch}; {_PLAY}", file, path=_HERE.parents[1], warnings="ignore", imports=DM_CONTROL
+    )
 
 
 def numbers(value: Any) -> list[float]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.programs import run
+from tests.warm import run
 
 _NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 _NEEDS = {"train_and_watch": ("sbx", "stable_baselines3", "torch")}  # of the extra `train`

@@ -18,7 +18,7 @@ import typer.main
 from limberjack import suite
 from limberjack.cli import app
 from limberjack.suite import _entry_points as entry_points
-from tests.programs import run
+from tests.warm import run
 
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"

@@ -23,7 +23,7 @@ from limberjack.rl.streams import set_stream_fields
 from limberjack.suite import _registration, base, humanoid
 from limberjack.utils import containers
 from tests import tutorial
-from tests.programs import run
+from tests.warm import run
 
 _ID = "limberjack/swing-swing_up-v0"
 _TASK = ("swing", "swing_up")
