@@ -41,7 +41,7 @@ def test_a_ball_below_the_cup_costs_more_than_one_beside_it() -> None:
 
 
 def test_a_ball_is_caught() -> None:
-    rewards, _ = played("ball_in_cup", "catch", 1000, 100, samples=24)
+    rewards, _ = played("ball_in_cup", "catch", 1000, 70, samples=16)
     assert rewards[-10:].mean() == 1
 
 
@@ -59,7 +59,7 @@ def test_a_finger_is_wanted_near_the_body_and_its_tip_at_the_target() -> None:
 
 @pytest.mark.parametrize("seed", [1000, 1001])
 def test_a_finger_turns_the_tip_into_a_small_target(seed: int) -> None:
-    rewards, _ = played("finger", "turn_hard", seed, 80, samples=32)
+    rewards, _ = played("finger", "turn_hard", seed, 80, samples=16)
     assert rewards[-10:].mean() == 1
 
 
@@ -69,6 +69,6 @@ def test_a_fish_swims_towards_its_target() -> None:
 
     distance = terms_of("fish", "swim", near, lambda physics: None)["distance"]
     assert distance[0] < distance[1]
-    _, env = played("fish", "swim", 1000, 60, samples=24)
+    _, env = played("fish", "swim", 1000, 60, samples=12)
     start = terms_of("fish", "swim", lambda physics: None)["distance"]
     assert np.linalg.norm(env.physics.mouth_to_target()) < start

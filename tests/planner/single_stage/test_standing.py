@@ -37,7 +37,7 @@ def test_a_dog_that_shall_move_or_fetch_lacks_more_factors() -> None:
 
 
 def test_a_dog_stands() -> None:
-    rewards, _ = played("dog", "stand", 1000, 30, samples=16)
+    rewards, _ = played("dog", "stand", 1000, 20, samples=12)
     assert rewards[-10:].mean() > 0.7
 
 
