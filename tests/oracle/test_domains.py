@@ -10,7 +10,7 @@ from . import twins
 from .oracle import theirs
 from .same import assert_same_pair
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 # Arguments of the methods that need some.
 _ARGUMENTS: dict[str, tuple[Any, ...]] = {

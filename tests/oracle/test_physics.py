@@ -17,7 +17,7 @@ from .drawn_here import compared_part
 from .oracle import BOTH
 from .same import assert_same, assert_same_pair
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 every_model = pytest.mark.parametrize("name", list(models.BY_NAME))
 
