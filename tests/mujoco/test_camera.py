@@ -25,7 +25,7 @@ from limberjack.mujoco.camera import (
     view_of,
 )
 
-from .furnished import FURNISHED, KINDS, SIZE, add_box, furnished
+from .furnished import FURNISHED, INFINITE, KINDS, SIZE, add_box, furnished
 
 _BARE = "<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>"
 
@@ -193,7 +193,7 @@ def test_fast_is_without_shadows_reflections_and_sky_and_the_default_with_them()
 
 
 def test_a_fast_picture_has_a_black_background() -> None:
-    physics = furnished()
+    physics = furnished(xml=INFINITE)
     seen = physics.render(**SIZE, camera_id="wall", segmentation=True, quality="fast")
     np.testing.assert_array_equal(seen, physics.render(**SIZE, camera_id="wall", segmentation=True))
     fast = physics.render(**SIZE, camera_id="wall", quality="fast")

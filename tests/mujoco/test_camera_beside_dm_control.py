@@ -14,7 +14,7 @@ from limberjack.mujoco import Physics, wrapper
 from limberjack.mujoco.camera import Camera, MovableCamera, TextOverlay
 from tests.representatives import PAIRS
 
-from .furnished import FURNISHED, KINDS, SIZE, add_box, furnished
+from .furnished import FURNISHED, INFINITE, KINDS, SIZE, add_box, furnished
 
 pytestmark = pytest.mark.oracle
 
@@ -39,8 +39,9 @@ def test_pictures_are_dm_controls(twins: tuple[Any, Any], kind: str, camera_id: 
     assert len(np.unique(pictures[0])) > 2
 
 
-def test_pictures_in_any_order_are_dm_controls(twins: tuple[Any, Any]) -> None:
+def test_pictures_in_any_order_are_dm_controls(theirs: Callable[[str], ModuleType]) -> None:
     # An infinite plane is drawn about the point where its scene's camera was before.
+    twins = furnished(xml=INFINITE), furnished(theirs("mujoco"), INFINITE)
     random = np.random.RandomState(0)
     for _ in range(20):
         camera_id, kind = random.randint(-1, 3), random.choice(list(KINDS))

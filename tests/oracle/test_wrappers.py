@@ -58,8 +58,8 @@ def test_scaled_actions_are_the_same(
 
 @needs_rendering
 @some_tasks
-@pytest.mark.parametrize("pixels_only", [True, False])
-def test_pixel_observations_are_the_same(domain: str, task: str, pixels_only: bool) -> None:
+def test_pixel_observations_are_the_same(domain: str, task: str) -> None:
+    pixels_only = domain == "humanoid"  # which does not depend on the task
     size = {"height": 48, "width": 64, "camera_id": 0}
     env = _wrapped(domain, task, "pixels", pixels_only=pixels_only, render_kwargs=size)
     try:
