@@ -80,11 +80,11 @@ _UNDER_A_SMALL_SKY = {
     _TESTS / "suite" / "test_suite.py",
     _TESTS / "tools" / "test_solved_pictures.py",
 }
-# Their laws hold for a terrain of any number of points. The other files of tests/oracle compare the
-# whole one.
+# What they show holds for any number of points. The other files of tests/oracle compare the whole
+# terrain.
 _ON_A_SMALL_TERRAIN = {
     *(_TESTS / folder for folder in ("contract", "gym", "laws", "rl")),
-    _TESTS / "oracle" / "test_batches.py",
+    *(_TESTS / "oracle" / f"test_{name}.py" for name in ("batches", "variants")),
 }
 _UNDER_THE_WHOLE_SKY = {
     _TESTS / "contract" / "test_promises_models.py",

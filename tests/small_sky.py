@@ -59,7 +59,8 @@ def small_terrain() -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         for module in known:
             before = module.read_model
-            module.read_model = functools.partial(_with_few_points, before)
+            patched = functools.partial(_with_few_points, before)
+            setattr(module, "read_model", patched)  # noqa: B010 (no attribute of every module)
             stack.callback(setattr, module, "read_model", before)
         yield
 
