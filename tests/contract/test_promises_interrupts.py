@@ -86,9 +86,9 @@ def interrupted(call: Callable[[], Any], place: int) -> None:
 
 # With a model that is shared, is copied at the first start, and is edited by the user.
 _CASES = [
-    pytest.param(("humanoid", "walk"), False, id="humanoid:walk"),
+    pytest.param(("cartpole", "swingup"), False, id="cartpole:swingup"),
     pytest.param(("manipulator", "insert_peg"), False, id="manipulator:insert_peg"),
-    pytest.param(("humanoid", "stand"), True, id="humanoid:stand-edited"),
+    pytest.param(("cartpole", "balance"), True, id="cartpole:balance-edited"),
 ]
 
 

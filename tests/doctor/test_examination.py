@@ -13,12 +13,24 @@ from limberjack.doctor import examine, packages
 from limberjack.doctor.probes import Answer
 from limberjack.utils import cores
 
+# The command with a small task, in its probes as well; the largest one is in test_probes.py.
+_COMMAND = """
+import sys
+from limberjack.cli import main
+from limberjack.doctor import probes
+
+small = "probes._TASK = 'pendulum', 'swingup'"
+exec(small)
+probes._PROGRAM = probes._PROGRAM.replace("probes.answer", small + "; probes.answer")
+main()
+"""
+
 
 @pytest.fixture(scope="module")
 def here() -> dict[str, Any]:
     """The JSON that the command prints on this machine, with a MUJOCO_GL that names no backend."""
     done = subprocess.run(
-        [sys.executable, "-m", "limberjack", "doctor", "--json"],
+        [sys.executable, "-c", _COMMAND, "doctor", "--json"],
         env={**os.environ, "MUJOCO_GL": "nonsense"},
         capture_output=True,
         text=True,

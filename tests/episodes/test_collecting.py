@@ -196,7 +196,7 @@ _KINDS = {
     "tests.workers.playing:Memory": (PENDULUM, [63, 64, 128]),  # with a reset
     "tests.workers.playing:BatchedMemory": (PENDULUM, range(60, 130)),  # with act_batch
     "tests.workers.playing:damped": (PENDULUM, range(60, 130)),  # a function
-    "planner": (ARM, [63, 64, 128]),
+    "planner": (PENDULUM, [63, 64, 128]),
     _SAVED: (("humanoid", "stand", 0.05), range(60, 130)),
 }
 
@@ -384,7 +384,8 @@ def test_a_collection_that_was_killed_continues_to_equal_bytes(files: int, tmp_p
             timeout=120,
         ).returncode
 
-    assert run(tmp_path / "whole") == 0
+    policy = "tests.episodes.policies:Killing"
+    _collect(tmp_path / "whole", range(200), policy, file_mb=float(file_mb))
     for seed in ("70", "130"):
         assert run(tmp_path / "killed", KILL_AT_SEED=seed) == -signal.SIGKILL
     assert len(hashes(tmp_path / "killed")) < len(hashes(tmp_path / "whole")) == files
@@ -396,7 +397,7 @@ def test_a_collection_that_was_killed_continues_to_equal_bytes(files: int, tmp_p
     assert [call["ended"] is None for call in calls] == [True, True, False]
 
 
-# The same with two workers, which write the parts of 10 files and join them: one collection for
+# The same with two workers, which write the parts of 5 files and join them: one collection for
 # each line of the input, in a process of its own, which has imported everything.
 _OF_WORKERS = """
 import os, sys
@@ -407,7 +408,7 @@ if __name__ == "__main__":
     for line in sys.stdin:
         number = os.fork()
         if not number:
-            collect("pendulum", "swingup", "tests.workers.playing:Deadly", range(1280), out=out,
+            collect("pendulum", "swingup", "tests.workers.playing:Deadly", range(640), out=out,
                     time_limit=0.2, workers=2, file_mb=file_mb)
             os._exit(0)
         print(number, flush=True)
@@ -421,7 +422,7 @@ def test_bytes_are_equal_after_the_process_that_plans_was_killed_at_random_momen
     kills: int, tmp_path: Path
 ) -> None:
     file_mb = of_64(PENDULUM) * 128 / 64
-    seeds, policy = range(1280), "tests.workers.playing:Deadly"
+    seeds, policy = range(640), "tests.workers.playing:Deadly"
     _collect(tmp_path / "one", seeds, policy, file_mb=file_mb)
     whole = whole_hashes(tmp_path / "one")
     root, out = str(Path(__file__).parents[2]), tmp_path / "killed"

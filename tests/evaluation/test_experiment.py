@@ -31,6 +31,18 @@ _SHORT = {"time_limit": 0.1, "num_threads": 1}
 _WHERE = Path(__file__).parent
 
 
+@pytest.fixture
+def plotted() -> None:
+    """The test is of returns.png too."""
+
+
+@pytest.fixture(autouse=True)
+def _no_plots(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plots take longer to draw than these episodes to play."""
+    if "plotted" not in request.fixturenames:
+        monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+
+
 def _evaluate(policy: Any = "zero", seeds: Any = range(3), **kwargs: Any) -> Evaluation:
     return evaluate("humanoid", "stand", policy, seeds, **{**_SHORT, **kwargs})
 
@@ -59,6 +71,7 @@ def test_a_floor_that_is_evaluated_is_played_once() -> None:
     assert list(_evaluate("random").scores) == ["random", "zero"]
 
 
+@pytest.mark.usefixtures("plotted")
 def test_the_result_has_all_that_is_needed_to_run_it_again(tmp_path: Path) -> None:
     evaluation = evaluate(
         "manipulator", "bring_ball", "random", range(5, 9), out=tmp_path / "out", **_SHORT
@@ -351,10 +364,7 @@ def test_progress_counts_the_episodes_of_all_policies() -> None:
     assert reported == expected + [("zero", 2 + finished, part) for finished, part in one]
 
 
-def test_without_matplotlib_everything_but_the_picture_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+def test_without_matplotlib_everything_but_the_picture_is_written(tmp_path: Path) -> None:
     evaluation = _evaluate(out=tmp_path)
     assert evaluation.files == (tmp_path / "result.json", tmp_path / "report.html")
     assert evaluation.left_out == (
@@ -366,9 +376,18 @@ def test_without_matplotlib_everything_but_the_picture_is_written(
 # Killed and called again.
 
 
+# The command without its plot, which takes longer than the episodes.
+_COMMAND = """
+import sys
+sys.modules["matplotlib.figure"] = None
+from limberjack.cli import main
+main()
+"""
+
+
 def _call(out: Path, **variables: str) -> "subprocess.CompletedProcess[str]":
-    arguments = ["stand", "--policy", "evaluated:Linear", "--seeds", "0:150", "--time-limit", "0.1"]
-    command = [sys.executable, "-m", "limberjack", "evaluate", "humanoid", *arguments]
+    arguments = ["stand", "--policy", "evaluated:Linear", "--seeds", "0:70", "--time-limit", "0.1"]
+    command = [sys.executable, "-c", _COMMAND, "evaluate", "humanoid", *arguments]
     inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
     return subprocess.run(
         [*command, "--threads", "1", "--out", str(out)],
@@ -542,6 +561,7 @@ def test_an_environment_of_the_suite_gives_what_its_names_give() -> None:
     assert _of_function(make).scores == named.scores
 
 
+@pytest.mark.usefixtures("plotted")
 def test_a_result_names_the_function_and_the_hash_of_its_source(tmp_path: Path) -> None:
     evaluation = _of_function(plain_domain.make, out=tmp_path)
     result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))

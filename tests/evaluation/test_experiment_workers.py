@@ -80,9 +80,7 @@ def test_three_shards_are_joined_to_the_same_files(whole: tuple[str, Path], tmp_
 
 
 def test_the_planner_is_the_same_on_one_thread_and_on_workers(tmp_path: Path) -> None:
-    play = functools.partial(
-        evaluate, "manipulator", "bring_ball", "planner", range(3), time_limit=0.05
-    )
+    play = functools.partial(evaluate, "pendulum", "swingup", "planner", range(3), time_limit=0.1)
     play(out=tmp_path / "one", num_threads=2)
     play(out=tmp_path / "workers", workers=2)
     assert _files(tmp_path / "workers") == _files(tmp_path / "one")

@@ -33,7 +33,7 @@ from .playing import (
     unpicklable,
 )
 
-_KILLS = 8
+_KILLS = 5
 _POLICY = "tests.workers.playing:BatchedMemory"
 
 
