@@ -37,8 +37,8 @@ def test_a_dog_that_shall_move_or_fetch_lacks_more_factors() -> None:
 
 
 def test_a_dog_stands() -> None:
-    rewards, _ = played("dog", "stand", 1000, 20, samples=12)
-    assert rewards[-10:].mean() > 0.7
+    rewards, _ = played("dog", "stand", 1000, 26, samples=12)
+    assert rewards[-10:].mean() > 0.7  # without torques it has fallen by then
 
 
 def test_a_humanoid_costs_its_height_and_a_centre_beside_its_feet() -> None:
