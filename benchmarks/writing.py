@@ -20,12 +20,11 @@ import typer
 from report import Json, Quick, Row, at_most, figure, finish, spread
 
 from limberjack import data
-from limberjack.episodes.collecting import _recipe
 from limberjack.episodes.episode import Kept
 from limberjack.episodes.folder import Folder
 from limberjack.episodes.manifest import PARTS, File, file_name
 from limberjack.episodes.player import Player
-from limberjack.episodes.recipe import FILE_MB, Recipe
+from limberjack.episodes.recipe import Recipe, recipe_of
 from limberjack.episodes.writing import ENDING
 from limberjack.workers import pool, process
 
@@ -98,7 +97,7 @@ def _recipe_of() -> Recipe:
     """The recipe of the task, with large files."""
     domain, task, seconds = _TASK
     with contextlib.closing(Player(domain, task, "random", time_limit=seconds)) as player:
-        return _recipe(player.identity, player.environment, Kept(), FILE_MB)
+        return recipe_of(player.identity, player.environment, Kept())
 
 
 def _counted(out: Path, recipe: Recipe, parts: int) -> float:
