@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 from unittest import mock
 
+import pyarrow
 import pyarrow.parquet as pq
 import typer
 from report import Json, Quick, Row, at_most, figure, finish, spread
@@ -97,7 +98,8 @@ def _recipe_of() -> Recipe:
     """The recipe of the task, with large files."""
     domain, task, seconds = _TASK
     with contextlib.closing(Player(domain, task, "random", time_limit=seconds)) as player:
-        return recipe_of(player.identity, player.environment, Kept())
+        versions = {**player.identity["versions"], "pyarrow": pyarrow.__version__}
+        return recipe_of({**player.identity, "versions": versions}, player.environment, Kept())
 
 
 def _counted(out: Path, recipe: Recipe, parts: int) -> float:
