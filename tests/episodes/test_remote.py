@@ -177,7 +177,7 @@ def test_another_file_is_noticed_as_in_a_folder(
         "shorter": "bytes, and .* in dataset.json: remove it .* repeat the call that collected it",
         "unlisted": "mine.txt is not listed in dataset.json",
         "damaged": "seeds-0000000000-0000000064.parquet is damaged",
-        "unfinished": "has no dataset.json yet: to finish",
+        "unfinished": "has no dataset.json yet; to finish",
     }[change]
     with pytest.raises(ValueError, match=f"^memory://walk.*{message}"):
         list(load(memory))

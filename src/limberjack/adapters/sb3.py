@@ -22,6 +22,7 @@ import io
 import itertools
 import operator
 import pickle
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -397,8 +398,14 @@ class SavedPolicy:
 # Any: SB3's own classes, spaces and settings.
 def _saved_model(path: Path, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     """The settings and the networks' parameters in a file of `model.save`."""
+    file = io.BytesIO(content)
+    if not zipfile.is_zipfile(file):
+        raise ValueError(
+            f"{path} is not a model of Stable-Baselines3; expected a file that model.save wrote"
+        )
+    file.seek(0)
     with _damage_named(path, "a file that model.save wrote"):
-        data, parameters, _ = save_util.load_from_zip_file(io.BytesIO(content), device="cpu")
+        data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
     needed = {"action_space", "observation_space", "policy_class", "policy_kwargs"}
     if not (data and parameters and needed <= data.keys() and "policy" in parameters):
         raise ValueError(
