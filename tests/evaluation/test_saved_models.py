@@ -167,7 +167,7 @@ def test_files_that_are_not_models_of_the_task_are_refused(tmp_path: Path) -> No
     (tmp_path / "text.zip").write_text("no model")
     _saved(tmp_path / "other.zip", envs=_envs("run_pure_state"))
     for name, message in (
-        ("text.zip", "cannot be read .*; expected a file that model.save wrote"),
+        ("text.zip", "is not a model of Stable-Baselines3; expected a file that model.save wrote"),
         ("none.zip", "No such file"),
         ("", "is a folder; expected the file that model.save wrote"),
         ("other.zip", r"the model's observations have shape \(55,\); the task's have \(67,\)"),
