@@ -25,6 +25,7 @@ steps = 1200
 time_limit = 0.4
 num_envs = 3
 random_steps = 60
+updates = 1.0
 batch_size = 16
 actor = [16, 16]
 critic = [16]
@@ -115,6 +116,7 @@ def test_a_killed_command_continues_and_a_finished_one_reports_itself(
     process = subprocess.Popen([sys.executable, "-m", "limberjack", *arguments])
     deadline = time.monotonic() + _PATIENCE
     while not (out / "curve.csv").exists() and time.monotonic() < deadline:
+        assert process.poll() is None
         time.sleep(0.05)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
@@ -152,6 +154,7 @@ def test_an_interrupt_says_how_to_continue(tmp_path: Path, config: Path) -> None
     )
     deadline = time.monotonic() + _PATIENCE
     while not (out / "checkpoint.pickle").exists() and time.monotonic() < deadline:
+        assert process.poll() is None
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=_PATIENCE)
