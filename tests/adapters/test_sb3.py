@@ -327,7 +327,7 @@ def test_refused_actions_change_nothing() -> None:
 
 @pytest.mark.parametrize("seed", [-1, 2**32 - 1])
 def test_seeds_that_no_stream_takes_are_refused(seed: int) -> None:
-    with pytest.raises(ValueError, match="expected (a whole number from 0|at most)"):
+    with pytest.raises(ValueError, match=r"expected (a whole number from 0|at most)"):
         _falling().seed(seed)
 
 
