@@ -282,6 +282,7 @@ def test_a_rewritten_file_is_read_if_nothing_is_forged(pendulum: Path, tmp_path:
         ({"lengths": b"[[10,2]]"}, "its lengths are not those of 3 episodes"),
         ({"lengths": b"[[11,3]]"}, "its row groups are not of whole episodes"),
         ({"lengths": b"[[-10,3]]"}, "its lengths are damaged: expected a whole number"),
+        ({"lengths": b"[[10,3],[0,0]]"}, "its lengths are no positive numbers"),
         ({"lengths": b"[[10,1],[12,1],[8,1]]"}, "'action' is null elsewhere than in the last row"),
         *(
             ({"lengths": text}, "its lengths are damaged")

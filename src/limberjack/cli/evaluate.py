@@ -1,8 +1,7 @@
 """`limberjack evaluate`: scores of a policy, beside zero and random actions on the same seeds."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -47,6 +46,7 @@ from limberjack.cli.progress import Units, units_reported
 if TYPE_CHECKING:
     from limberjack.evaluation import Evaluation
     from limberjack.evaluation.protocol import SetEvaluation
+    from limberjack.worlds import World
 
 __all__: list[str] = []
 
@@ -101,37 +101,44 @@ def _evaluate(
     that was killed. The planner plays one episode per core, unless --threads is given.
     """
     names = policy or ["zero"]
-    how: dict[str, Any] = {  # of `evaluate` and `evaluate_set`
-        "out": out,
-        "num_threads": threads,
-        "workers": workers,
-        "ray": ray,
-        "any_processor": any_processor,
-    }
     if task_set is not None:
         with misuse_reported():
-            fixed = (domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
-            given: dict[str, object] = dict(zip(_FIXED, fixed, strict=True))
-            refuse_beside(given, "--set, which fixes them: leave it out")
-            how["world"] = world_named(None, faults, appearance)
-        _evaluate_set(task_set, names, how)
+            _check_fixed(domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
+            world = world_named(None, faults, appearance)
+        _evaluate_set(task_set, names, out, threads, workers, ray, any_processor, world)
         return
     with misuse_reported():
         where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part, name = shard_named(shard, out), _only(names)
-        how |= {"shard": part, "world": world_named(env, faults, appearance)}
-    how |= {"time_limit": time_limit, "action_repeat": action_repeat, "vectorised": vectorised}
+        world = world_named(env, faults, appearance)
     search_working_directory(name)
     with units_reported(lambda progress: _done(progress, out)) as progress:
         from limberjack.evaluation import evaluate
 
         progress.begin(_count(chosen, part, name))
-        evaluation = evaluate(*where, name, chosen, **how, **_reporting(progress))
+        evaluation = evaluate(
+            *where,
+            name,
+            chosen,
+            out=out,
+            num_threads=threads,
+            time_limit=time_limit,
+            action_repeat=action_repeat,
+            workers=workers,
+            ray=ray,
+            shard=part,
+            any_processor=any_processor,
+            vectorised=vectorised,
+            world=world,
+            on_progress=progress.show,
+            on_state=progress.show_state,
+            command=command_line(),
+        )
     _print(evaluation) if shard is None else _print_shard(shard, progress.episodes, out)
 
 
-# The arguments that --set fixes.
+# The arguments that --set fixes, in the order in which `_check_fixed` takes them.
 _FIXED = (
     "DOMAIN",
     "--env",
@@ -144,6 +151,12 @@ _FIXED = (
 )
 
 
+def _check_fixed(*values: object) -> None:
+    """Raises ValueError if an argument is given that --set fixes."""
+    given: dict[str, object] = dict(zip(_FIXED, values, strict=True))
+    refuse_beside(given, "--set, which fixes them: leave it out")
+
+
 def _only(names: list[str]) -> str:
     """The policy; raises ValueError if there are several."""
     if len(names) > 1:
@@ -151,27 +164,37 @@ def _only(names: list[str]) -> str:
     return names[0]
 
 
-# Any: as above.
-def _evaluate_set(task_set: str, names: list[str], how: Mapping[str, Any]) -> None:
+def _evaluate_set(
+    task_set: str,
+    names: list[str],
+    out: Path | None,
+    threads: int | None,
+    workers: int | None,
+    ray: str | None,
+    any_processor: bool,
+    world: "World | None",
+) -> None:
     """Measures one or more runs on all tasks of a set, and prints the scores."""
-    with units_reported(lambda progress: _done(progress, how["out"])) as progress:
+    with units_reported(lambda progress: _done(progress, out)) as progress:
         from limberjack.evaluation.protocol import episodes_of, evaluate_set
 
         for name in names:
             search_working_directory(name)
         progress.begin(episodes_of(task_set, names))
-        found = evaluate_set(task_set, names, **how, **_reporting(progress))
+        found = evaluate_set(
+            task_set,
+            names,
+            out=out,
+            num_threads=threads,
+            workers=workers,
+            ray=ray,
+            any_processor=any_processor,
+            world=world,
+            on_progress=progress.show,
+            on_state=progress.show_state,
+            command=command_line(),
+        )
     _print_set(found)
-
-
-# Any: as above.
-def _reporting(progress: Units) -> dict[str, Any]:
-    """The arguments by which an evaluation reports on itself."""
-    return {
-        "on_progress": progress.show,
-        "on_state": progress.show_state,
-        "command": command_line(),
-    }
 
 
 def _print_set(found: "SetEvaluation") -> None:

@@ -113,8 +113,7 @@ def _record(
                 "--appearance": appearance,
             }
             recorded, make = _recorded(dataset, env, others)
-            how = {"out": out, "on_progress": progress.show}
-            path = films.film(recorded, seed, make, **how, **view)
+            path = films.film(recorded, seed, make, out=out, on_progress=progress.show, **view)
         else:
             path = films.record(
                 *named_environment(domain, task, env),

@@ -173,7 +173,7 @@ class Folder:
             )
         self._manifest = Manifest.read(self.directory / MANIFEST)
         if self._manifest is not None:
-            self._check_recipe(self.directory / MANIFEST, self._manifest.recipe)
+            check_recipe(self.directory / MANIFEST, self._manifest.recipe, self._recipe)
         elif named(self.directory, EVALUATION):
             raise ValueError(f"{self.directory} holds an evaluation: choose another folder")
         parts, files = _seeds_in(self._parts, ENDING), _seeds_in(self._episodes)
@@ -192,17 +192,14 @@ class Folder:
         for path in named(self._parts, _RECORDS):
             manifests.append(record := Manifest.read(path))
             if record is not None:
-                self._check_recipe(path, record.recipe)
+                check_recipe(path, record.recipe, self._recipe)
         return {file.name: file for one in manifests if one is not None for file in one.files}
 
     def _opened(self, path: Place) -> Shard:
         shard = Shard(path)
         check_name(path, shard.seeds)
-        self._check_recipe(path, shard.recipe)
+        check_recipe(path, shard.recipe, self._recipe)
         return shard
-
-    def _check_recipe(self, path: Place, recipe: Recipe) -> None:
-        check_recipe(path, recipe, self._recipe)
 
     def plan(self, seeds: Sequence[int], own: Sequence[int] | None = None) -> list[int]:
         """The seeds to be played, whose episodes are not here; then `ready` has what to join.

@@ -123,7 +123,8 @@ class File:
         if entry.get("name") != file_name(seeds):
             raise ValueError(f"a file is named {entry.get('name')!r}; expected {file_name(seeds)}")
         given = [entry.get(name) for name in ("rows", "bytes", "sha256")]
-        rows, nbytes, digest = entry_of(tuple[int, int, str], given)
+        what = f"the list of rows, bytes and SHA-256 of {file_name(seeds)}"
+        rows, nbytes, digest = entry_of(tuple[int, int, str], given, what)
         if not _SHA256.fullmatch(digest):
             raise ValueError(f"{file_name(seeds)} has the SHA-256 {digest!r}")
         return cls(seeds, rows, nbytes, digest)

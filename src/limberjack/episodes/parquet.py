@@ -412,6 +412,8 @@ def _lengths(text: bytes, episodes: int) -> list[int]:
         runs = entry_of(tuple[tuple[int, int], ...], json.loads(text))
     except (RecursionError, ValueError) as error:
         raise ValueError(f"its lengths are damaged: {error}") from error
+    if not all(number for run in runs for number in run):
+        raise ValueError("its lengths are no positive numbers")
     if sum(count for _, count in runs) != episodes:
         raise ValueError(f"its lengths are not those of {episodes} episodes")
     return [steps for steps, count in runs for _ in range(count)]

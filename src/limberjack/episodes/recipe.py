@@ -25,7 +25,7 @@ from limberjack import policies, registry
 from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Kept
 from limberjack.mujoco.fingerprint import fingerprint, versions
-from limberjack.policies.entries import entry_of, shown
+from limberjack.policies.entries import entry_of
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.control import shown_by
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
@@ -210,7 +210,8 @@ class Recipe:
         try:
             file_mb = None if found == 1 else _file_mb(rest.pop("file_mb"))
             columns = tuple(_column(entry) for entry in rest.pop("columns"))
-            flags = {name: entry_of(bool, rest.pop(name)) for name in ("states", "float32", "flat")}
+            names = "states", "float32", "flat"
+            flags = {name: entry_of(bool, rest.pop(name), name) for name in names}
             kept = Kept(**flags, pixels=_pixels(rest.pop("pixels", None)))
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"its recipe is damaged: {error}") from error
@@ -446,7 +447,7 @@ def seeds_of(entry: object) -> range:
     Raises:
       ValueError: it is no such list.
     """
-    first, end = entry_of(tuple[int, int], entry)
+    first, end = entry_of(tuple[int, int], entry, "its range of seeds")
     if not first < end <= SEEDS:
         raise ValueError(f"its seeds are {first} to {end}; expected increasing ones")
     return range(first, end)
@@ -471,7 +472,7 @@ def _file_mb(value: object) -> float:
 
 
 def _column(entry: object) -> Column:
-    column = Column(*entry_of(tuple[str, str, tuple[int, ...]], entry))
+    column = Column(*entry_of(tuple[str, str, tuple[int, ...]], entry, "a column"))
     if column.dtype not in (*_DTYPES, "str") or column.size > _LARGEST:
         raise ValueError(f"a column is {entry}; expected one of {_DTYPES}, and a shape")
     return column
@@ -506,10 +507,7 @@ def _checked_facts(content: dict[str, Any]) -> Facts:
     if content.keys() != kinds.keys():
         raise ValueError(f"its facts are {sorted(content)}; expected {sorted(kinds)}")
     for name, kind in kinds.items():
-        try:
-            entry_of(kind, content[name])
-        except ValueError as error:
-            raise ValueError(f"its {name} is {shown(content[name])}; {error}") from None
+        entry_of(kind, content[name], f"its {name}")
     unknown = sorted(content.get("world", {}).keys() - OPTIONS)
     if unknown:
         raise ValueError(f"its world has {unknown}; expected some of {', '.join(sorted(OPTIONS))}")
@@ -522,8 +520,8 @@ def _checked_facts(content: dict[str, Any]) -> Facts:
 def _pixels(value: object) -> Pixels | None:
     if value is None:
         return None
-    pixels = Pixels.of(entry_of(dict, value))
-    sizes = entry_of(tuple[int, int], [pixels.height, pixels.width])
+    pixels = Pixels.of(entry_of(dict, value, "pixels"))
+    sizes = entry_of(tuple[int, int], [pixels.height, pixels.width], "the size of its pictures")
     if not all(0 < size <= _LARGEST for size in sizes):
         raise ValueError(f"its pictures have {pixels.height} by {pixels.width} pixels")
     return pixels

@@ -45,29 +45,40 @@ _PLAIN: Mapping[object, tuple[Callable[[Any], bool], str]] = {
 }
 
 
-def entry_of(kind: Any, value: object) -> Any:  # Any: an annotation, and a value of it
+# Any: an annotation, and a value of it.
+def entry_of(kind: Any, value: object, name: str | None = None) -> Any:
     """The value of JSON in the form of an annotation.
 
     Args:
       kind: a key of `_PLAIN`, a dataclass, or `X | None`, `Mapping[str, X]`, `tuple[X, ...]` or
         `tuple[X, Y]` of such.
       value: anything.
+      name: of the value, for the message of an error; None for none.
 
     Raises:
       ValueError: it has another form.
     """
+    try:
+        return _read(kind, value)
+    except ValueError as error:
+        if name is None:
+            raise
+        raise ValueError(f"{name} is {shown(value)}; {error}") from None
+
+
+def _read(kind: Any, value: object) -> Any:  # Any: as above
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin is types.UnionType:
-        return None if value is None else entry_of(parts[0], value)
+        return None if value is None else _read(parts[0], value)
     if origin is tuple:
         entries = _plain(list, value)
         kinds = parts[:1] * len(entries) if parts[1:] == (...,) else parts
         if len(entries) != len(kinds):
             raise ValueError(f"expected a list of {len(kinds)}")
-        return tuple(map(entry_of, kinds, entries))
+        return tuple(map(_read, kinds, entries))
     if origin is Mapping:
         entries = _plain(dict, value)
-        return {entry_of(str, name): entry_of(parts[1], one) for name, one in entries.items()}
+        return {_read(str, name): _read(parts[1], one) for name, one in entries.items()}
     if dataclasses.is_dataclass(kind):
         return _of_fields(kind, _plain(dict, value))
     return _plain(kind, value)
@@ -91,13 +102,7 @@ def _of_fields(kind: Any, entries: Mapping[str, object]) -> Any:  # Any: a datac
     other = sorted((entries.keys() | optional) ^ kinds.keys())
     if other:
         raise ValueError(f"entries {shown(other)} are missing or unknown")
-    found = {}
-    for name, value in entries.items():
-        try:
-            found[name] = entry_of(kinds[name], value)
-        except ValueError as error:
-            raise ValueError(f"{name} is {shown(value)}; {error}") from None
-    return kind(**found)
+    return kind(**{name: entry_of(kinds[name], one, name) for name, one in entries.items()})
 
 
 @functools.cache
