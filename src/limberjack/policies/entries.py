@@ -33,7 +33,7 @@ _PLAIN: Mapping[object, tuple[Callable[[Any], bool], str]] = {
         "a finite number, such as array.tolist() gives",
     ),
     int: (
-        lambda value: type(value) is int and value >= 0,
+        lambda value: type(value) is int and 0 <= value < 2**63,
         "a whole number from 0 on, such as array.tolist() gives",
     ),
     list: (lambda value: isinstance(value, list | tuple), "a list, such as array.tolist() gives"),

@@ -91,6 +91,8 @@ _MOST_BYTES = 2**28
 _MOST_HEADER = 2**21
 _MOST_LAYERS = 64
 _MOST_NUMBERS = 2**20  # in an observation or an action
+_MOST_AXES = 32  # of an observation
+_LONGEST_TEXT = 200  # characters of all texts but the command
 MOST_REPEAT = 1000  # control steps per action
 _LONGEST_QUOTE = 300  # characters of an error of another package
 LEAKY_SLOPE = 0.01  # of PyTorch's and JAX's leaky_relu
@@ -517,6 +519,13 @@ def _check(card: Card) -> None:
     """Raises ValueError unless the entries of a card fit each other."""
     size = card.num_observations
     names = [name for name, _ in card.layout]
+    for name, value in vars(card).items():
+        if isinstance(value, str) and name != "command" and len(value) > _LONGEST_TEXT:
+            raise ValueError(
+                f"its {name} is {shown(value)}; expected at most {_LONGEST_TEXT} characters"
+            )
+    if any(len(shape) > _MOST_AXES for _, shape in card.layout):
+        raise ValueError(f"its layout is {shown(card.layout)}; expected at most {_MOST_AXES} axes")
     if not 1 <= size <= _MOST_NUMBERS or len(set(names)) < len(names):
         raise ValueError(f"its layout has {shown(size)} numbers, with the names {shown(names)}")
     if card.sizes[:1] != (size,) or card.sizes[-1:] != (len(card.low),):
@@ -543,5 +552,5 @@ def _check(card: Card) -> None:
         raise ValueError("its scale has numbers that are not positive")
     if card.clip is not None and (card.clip <= 0 or card.mean is None):
         raise ValueError(f"its clip is {card.clip}; expected a positive number, with a mean")
-    if not (card.world or {}).keys() <= OPTIONS:
+    if card.world is not None and (not card.world or not card.world.keys() <= OPTIONS):
         raise ValueError(f"its world is {shown(card.world)}; expected some of {sorted(OPTIONS)}")
