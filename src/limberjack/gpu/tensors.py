@@ -138,9 +138,9 @@ class DeviceArray(torch.Tensor):
         return np.transpose(self, np.ravel(axes).tolist() or None)
 
     # A tensor's own `repeat` repeats the whole, and its `std` and `var` divide by n - 1.
-    cumsum, dot, repeat, take = map(_numpys, (np.cumsum, np.dot, np.repeat, np.take))
-    max, mean, min, prod = map(_numpys, (np.max, np.mean, np.min, np.prod))
-    std, var = map(_numpys, (np.std, np.var))
+    cumsum, dot, prod = _numpys(np.cumsum), _numpys(np.dot), _numpys(np.prod)
+    max, mean, min = _numpys(np.max), _numpys(np.mean), _numpys(np.min)
+    repeat, std, take, var = _numpys(np.repeat), _numpys(np.std), _numpys(np.take), _numpys(np.var)
     put = _unlike("put", "an assignment, as in x[..., 0] = y")
     resize = _unlike("resize", "np.reshape, which returns a new array")
     sort = _unlike("sort", "np.sort, which returns a new array")
