@@ -20,8 +20,7 @@ __all__ = ["entry_of", "shown"]
 _LONGEST = 10_000  # characters of a text
 _SHOWN = 80  # characters of a value in a message
 
-# Any: a value of JSON, of which each function accepts some.
-_PLAIN: Mapping[object, tuple[Callable[[Any], bool], str]] = {
+_PLAIN: Mapping[object, tuple[Callable[[object], bool], str]] = {
     bool: (lambda value: isinstance(value, bool), "true or false"),
     dict: (lambda value: isinstance(value, dict), "an object of JSON"),
     float: (
@@ -45,8 +44,8 @@ _PLAIN: Mapping[object, tuple[Callable[[Any], bool], str]] = {
 }
 
 
-# Any: an annotation, and a value of it.
-def entry_of(kind: Any, value: object, name: str | None = None) -> Any:
+# Any: a value of the annotation.
+def entry_of(kind: object, value: object, name: str | None = None) -> Any:
     """The value of JSON in the form of an annotation.
 
     Args:
@@ -66,7 +65,7 @@ def entry_of(kind: Any, value: object, name: str | None = None) -> Any:
         raise ValueError(f"{name} is {shown(value)}; {error}") from None
 
 
-def _read(kind: Any, value: object) -> Any:  # Any: as above
+def _read(kind: object, value: object) -> Any:  # Any: as above
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin is types.UnionType:
         return None if value is None else _read(parts[0], value)
@@ -79,7 +78,7 @@ def _read(kind: Any, value: object) -> Any:  # Any: as above
     if origin is Mapping:
         entries = _plain(dict, value)
         return {_read(str, name): _read(parts[1], one) for name, one in entries.items()}
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return _of_fields(kind, _plain(dict, value))
     return _plain(kind, value)
 
@@ -90,14 +89,14 @@ def shown(value: object) -> str:
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
 
-def _plain(kind: object, value: Any) -> Any:  # Any: as above
+def _plain(kind: object, value: object) -> Any:  # Any: as above
     is_valid, expected = _PLAIN[kind]
     if not is_valid(value):
         raise ValueError(f"expected {expected}")
-    return float(value) if kind is float else value
+    return float(value) if kind is float and isinstance(value, int) else value
 
 
-def _of_fields(kind: Any, entries: Mapping[str, object]) -> Any:  # Any: a dataclass, and one of it
+def _of_fields(kind: type, entries: Mapping[str, object]) -> object:
     kinds, optional = _fields(kind)
     other = sorted((entries.keys() | optional) ^ kinds.keys())
     if other:
@@ -106,7 +105,7 @@ def _of_fields(kind: Any, entries: Mapping[str, object]) -> Any:  # Any: a datac
 
 
 @functools.cache
-def _fields(kind: Any) -> tuple[dict[str, Any], set[str]]:  # Any: a dataclass, and annotations
+def _fields(kind: type) -> tuple[dict[str, object], set[str]]:
     """The annotations of a dataclass, and the names of entries that may be left out."""
     kinds = typing.get_type_hints(kind)
     return kinds, {name for name, one in kinds.items() if type(None) in typing.get_args(one)}
