@@ -36,11 +36,11 @@ class _ShortTypes:
     Numbers out of range are refused by the type of the parameter, in a message with the range.
     """
 
-    # Any: classes that depend on the version of Typer.
+    # Any: classes that depend on the version of Typer, of which a class inherits beside this one.
     def get_params(self, ctx: Any) -> list[Any]:
         """The parameters of the command line."""
-        # Any: parameters of those classes.
-        parameters: list[Any] = super().get_params(ctx)  # pyright: ignore[reportAttributeAccessIssue]
+        inherited: Any = super()
+        parameters = inherited.get_params(ctx)
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""

@@ -125,7 +125,8 @@ def table(name: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> s
         )
     return (
         f'<div class="card scroll" tabindex="0" role="region" aria-label="{html.escape(name)}">\n'
-        f"<table><thead><tr>{''.join(heads)}</tr></thead>\n<tbody>{''.join(lines)}</tbody></table>\n"
+        f"<table><thead><tr>{''.join(heads)}</tr></thead>\n"
+        f"<tbody>{''.join(lines)}</tbody></table>\n"
         "</div>\n"
     )
 

@@ -181,9 +181,9 @@ def _changed(base: _T, changes: object, where: str) -> _T:
     Raises:
       ValueError, TypeError: see `Faults.of`.
     """
-    if not isinstance(changes, Mapping):
-        raise TypeError(f"{where} is {changes!r}; expected a mapping of {_names(base)}")
     fields = {field.name: field for field in dataclasses.fields(base)}
+    if not isinstance(changes, Mapping):
+        raise TypeError(f"{where} is {changes!r}; expected a mapping of {', '.join(fields)}")
     kinds = typing.get_type_hints(type(base))
     values = {}
     check_names(f"{where} has no", changes, fields)
@@ -191,10 +191,6 @@ def _changed(base: _T, changes: object, where: str) -> _T:
         path = f"{where}[{name!r}]"
         values[name] = _value(getattr(base, name), value, kinds[name], path, fields[name].metadata)
     return dataclasses.replace(base, **values)
-
-
-def _names(settings: object) -> str:
-    return ", ".join(field.name for field in dataclasses.fields(settings))  # pyright: ignore[reportArgumentType]
 
 
 def _value(
