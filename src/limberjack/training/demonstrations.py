@@ -55,11 +55,7 @@ def demonstrations_of(
     Raises:
       ValueError: the dataset lacks an observation, or has other shapes, or a file is damaged.
     """
-    parts = [
-        _of_episode(episode, layout, action_repeat, low, high)
-        for episode in dataset
-        if episode.length
-    ]
+    parts = [_of_episode(episode, layout, action_repeat, low, high) for episode in dataset]
     return Demonstrations(*map(np.concatenate, zip(*parts, strict=True)))
 
 
