@@ -126,7 +126,7 @@ class ExecutorWorkers:
 def _value(future: concurrent.futures.Future[Answer[_Result] | Failed], unit: Unit) -> _Result:
     try:
         answer = future.result()
-    except (Exception, concurrent.futures.CancelledError) as error:
+    except Exception as error:  # as it broke, or cancelled the job
         raise _broken(error) from error
     return value_of(answer)
 
