@@ -16,7 +16,7 @@ import pytest
 from limberjack import policies, suite
 from limberjack.policies import Actor, PolicyError
 from limberjack.utils.sources import Source
-from limberjack.workers.shipping import _import_shipped, ship, unpack
+from limberjack.workers.shipping import Shipped, _import_shipped, ship, unpack
 from tests.policies import saved_models
 
 from . import playing
@@ -147,10 +147,17 @@ def test_a_package_within_others_is_imported() -> None:
 
 
 @pytest.mark.usefixtures("own_imports")
-def test_a_package_that_is_missing_is_named_and_leaves_no_finder() -> None:
+@pytest.mark.parametrize("is_here", [False, True])
+def test_a_package_that_is_missing_is_named_and_leaves_no_finder(
+    is_here: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = Source("", {"needy.py": b"import not_installed_anywhere\n"})
+    if is_here:
+        (tmp_path / "needy.py").write_bytes(source.files["needy.py"])
+        monkeypatch.syspath_prepend(tmp_path)
     before = list(sys.meta_path)
     with pytest.raises(ModuleNotFoundError, match="not_installed_anywhere"):
-        _import_shipped("needy", Source("", {"needy.py": b"import not_installed_anywhere\n"}))
+        unpack(Shipped("needy:act", source), suite.load(*TASK), None)
     assert sys.meta_path == before
 
 
