@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 import time
+import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -265,11 +266,14 @@ def _gather(out: Path, **how: Any) -> dict[str, str]:
 def test_workers_write_and_join_and_the_process_that_plans_does_neither(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threads: concurrent.futures.Executor
 ) -> None:
-    expected, read = _gather(tmp_path / "one"), list[Path]()
+    expected, read, counts = _gather(tmp_path / "one"), list[Path](), list[int]()
     monkeypatch.setattr(Folder, "add", None)
     monkeypatch.setattr(Folder, "join", None)
     monkeypatch.setattr("limberjack.episodes.folder.listed", read.append)
-    assert _gather(tmp_path / "out", executor=threads) == expected
+    how = {"executor": threads, "on_progress": lambda what, count, part: counts.append(count)}
+    assert _gather(tmp_path / "out", **how) == expected
+    assert counts == sorted(counts)
+    assert (counts[0], counts[-1]) == (0, 130)
     # Another call has workers read the files that no manifest lists, and join what was left.
     (tmp_path / "out" / "dataset.json").unlink()
     assert _gather(tmp_path / "out", executor=threads) == expected
@@ -461,14 +465,17 @@ def _files_in(out: Path) -> set[str]:
     return {path.name for path in out.rglob("*") if path.is_file()}
 
 
-def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, whole: dict[str, str]) -> None:
+@pytest.mark.parametrize("seeds", [range(64), range(130)], ids=["in the last file", "before it"])
+def test_a_full_disk_leaves_nothing_half_written(
+    seeds: range, tmp_path: Path, whole: dict[str, str]
+) -> None:
     resource = pytest.importorskip("resource", reason="no limits of files on this system")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
     try:
         with pytest.raises(OSError, match=r"seeds-0000000000-0000000064.parquet") as caught:
-            _collect(tmp_path, range(130))
+            _collect(tmp_path, seeds)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, handler)
@@ -549,6 +556,11 @@ def test_a_set_of_tasks_has_the_dataset_of_each(tmp_path: Path) -> None:
         ("dmc27", "zero", "no set of tasks 'dmc27'"),
         (["pendulum:swingup", "finger:spin"], "mlp:{domain}.safetensors", "pendulum.safetensors"),
         (["pendulum:swingup", "finger:spin"], {("pendulum", "swingup"): "zero"}, "finger spin"),
+        (
+            ["pendulum:swingup", "finger:spin"],
+            {("pendulum", "swingup"): "zero", ("finger", "spin"): "radnom"},
+            "policy is 'radnom'",
+        ),
     ],
 )
 def test_a_set_that_cannot_be_collected_plays_nothing(
@@ -593,6 +605,20 @@ def test_what_a_failing_policy_has_finished_is_kept(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match=r"episode with seed 70: returned .* shape"):
         _collect(tmp_path, range(128), "tests.episodes.policies:Failing")
     assert list(hashes(tmp_path)) == ["seeds-0000000000-0000000064.parquet"]
+
+
+def test_a_policy_whose_source_is_unknown_is_refused_before_anything_is_written(
+    tmp_path: Path,
+) -> None:
+    typed_in: dict[str, Any] = {"__name__": "typed_in"}
+    sys.modules["typed_in"] = types.ModuleType("typed_in")
+    try:
+        exec("def act(observation):\n    return [0.0]\n", typed_in)
+        with pytest.raises(PolicyError, match="policy 'typed_in:act' has no source file"):
+            _collect(tmp_path / "out", range(2), typed_in["act"])
+    finally:
+        del sys.modules["typed_in"]
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.skipif(not _STATM.exists(), reason="needs Linux's /proc")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from limberjack.data import Dataset, collect, inform, load, replay
+from limberjack.episodes.loading import episodes_so_far
 from limberjack.episodes.parquet import Shard, encode
 
 from .collected import PENDULUM, copy, folder_of, hashes, made, path_of, put
@@ -31,6 +32,13 @@ def test_a_folder_without_a_dataset_is_refused(tmp_path: Path) -> None:
 def folder(pendulums: Dataset, tmp_path: Path) -> Path:
     """A copy of a dataset of two files, of seeds 0 to 63 and 64 to 69."""
     return copy(folder_of(pendulums), tmp_path / "copy")
+
+
+def test_the_episodes_so_far_are_those_of_whole_files_and_parts(folder: Path) -> None:
+    (folder / "parts").mkdir()
+    (folder / "episodes" / _SECOND).rename(folder / "parts" / f"{_SECOND[:-7]}part")
+    (folder / "episodes" / _FIRST).write_bytes(b"damaged")
+    assert [episode.seed for episode in episodes_so_far(folder)] == [*range(64, 70)]
 
 
 _FIRST, _SECOND = "seeds-0000000000-0000000064.parquet", "seeds-0000000064-0000000070.parquet"

@@ -13,6 +13,7 @@ from limberjack.episodes.running import Run
 from limberjack.mujoco.fingerprint import fingerprint
 from limberjack.policies import PolicyError
 from limberjack.rl.control import Environment
+from limberjack.see.report import Recorder
 from limberjack.workers import Scale
 from tests import plain_domain
 from tests.rollouts import run_episode
@@ -106,14 +107,17 @@ def test_another_recipe_replaces_the_steps_of_an_earlier_run_if_asked(
     with pytest.raises(ValueError, match=r"belongs to another dataset .* whose time_limit is"):
         other.play()  # without a result they are not those of a run
     first.write()
+    (tmp_path / "README.md").write_text("a user's own")
     other = _run(tmp_path, time_limit=0.06, replaces=replaces)
     if not replaces:
         with pytest.raises(ValueError, match=r"belongs to another dataset .* whose time_limit is"):
             other.play()
         assert list(data.load(tmp_path).seeds) == [3, 4]
+        assert other.episodes == []  # those that are there are not its own
         return
     other.play()
     assert [episode.length for episode in data.load(tmp_path)] == [3, 3, 3]
+    assert (tmp_path / "README.md").read_text() == "a user's own"
 
 
 def test_shards_keep_steps_only_and_the_run_without_one_joins_them(tmp_path: Path) -> None:
@@ -132,10 +136,12 @@ def test_shards_keep_steps_only_and_the_run_without_one_joins_them(tmp_path: Pat
 
 # Those that write files: see tests/cli/test_solve.py.
 def test_workers_play_the_same_episodes() -> None:
-    runs = []
+    runs, shown = [], list[tuple[str, int, float]]()
     for scale in (Scale(num_threads=1), Scale(workers=2)):
         runs.append(_run(None, seeds=range(62, 66), scale=scale))
-        runs[-1].play()
+        runs[-1].play(lambda *now: shown.append(now))
+        assert shown[-1] == ("random", 4, 0.0)
+    assert min(part for _, _, part in shown) == 0.0
     for one, other in zip(runs[0].episodes, runs[1].episodes, strict=True):
         assert (one.seed, one.start) == (other.seed, other.start)
         np.testing.assert_array_equal(one.rewards, other.rewards)
@@ -166,14 +172,29 @@ def test_what_ended_before_an_error_is_there(keeps: bool, tmp_path: Path) -> Non
 
 
 def test_an_actor_acts_in_the_place_of_the_policy_and_its_plans_are_charted(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    drawn: list[str] = []  # stages of plans, and steps
+
+    class Noting(Recorder):
+        def add_plan(self, stage: str, terms: Any) -> None:
+            drawn.append(stage)
+            super().add_plan(stage, terms)
+
+        def add_step(self, step: Any) -> None:
+            drawn.append(f"step {step.number}")
+            super().add_step(step)
+
+    monkeypatch.setattr("limberjack.see.report.Recorder", Noting)
     actor = policies.find("zero")
     run = _run(tmp_path, "random", actor=actor, seeds=[3])
     run.play()
     assert not run.episodes[0].actions.any()
-    run.add_plan(0.0, "swing up", {"height": 1.5})
+    for number, stage in enumerate(["swing up", "brake", "balance"]):
+        run.add_plan(0.02 * number, stage, {"height": 1.5})
     run.write()
+    steps = "step 0, swing up, step 1, brake, step 2, balance, step 3, step 4, step 5"
+    assert drawn == steps.split(", ")
     assert "swing up" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
