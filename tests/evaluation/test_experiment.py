@@ -115,7 +115,16 @@ def test_the_same_call_plays_nothing_again(tmp_path: Path) -> None:
 
 def test_more_seeds_are_added_to_those_that_are_there(tmp_path: Path) -> None:
     _evaluate("random", range(2, 4), out=tmp_path)
-    _evaluate("random", range(5), out=tmp_path)
+    counts: list[tuple[str, int]] = []
+    _evaluate(
+        "random",
+        range(5),
+        out=tmp_path,
+        on_progress=lambda what, finished, part: counts.append((what, finished)),
+    )
+    assert counts[0] == ("random", 2)
+    assert ("zero", 5 + 2) in counts
+    assert counts[-1] == ("zero", 10)
     assert len(_lines(tmp_path)) == 1 + 2 * 5
     whole = _evaluate("random", range(5), out=tmp_path / "whole")
     assert _result(tmp_path) == json.loads(json.dumps(whole.as_json()))
@@ -352,6 +361,8 @@ def test_an_invalid_task_or_number_creates_no_folder(tmp_path: Path) -> None:
         _evaluate(out=out, time_limit=float("inf"))
     with pytest.raises(PolicyError, match="there is no module 'nowhere'"):
         _evaluate("nowhere:act", out=out)
+    with pytest.raises(ValueError, match=r"a shard needs a folder .*: give one as out \(--out DIR"):
+        _evaluate(shard=(1, 2))
     assert not out.exists()
 
 
@@ -370,6 +381,8 @@ def test_without_matplotlib_everything_but_the_picture_is_written(tmp_path: Path
     assert evaluation.left_out == (
         "no returns.png: needs the extra 'video': pip install imageio-ffmpeg matplotlib pillow"
     )
+    (tmp_path / "returns.png").write_bytes(b"of an earlier call, which had matplotlib")
+    _evaluate(out=tmp_path)
     assert not (tmp_path / "returns.png").exists()
 
 

@@ -27,6 +27,12 @@ def test_processors_are_listed_only_where_they_were_recorded() -> None:
     assert named["floors"]["zero"]["processors"] == ["one"] * 3
 
 
+def test_an_episode_says_that_it_diverged() -> None:
+    scores = [Score(seed, 1.0, 10, 0.0, diverged=seed == 1) for seed in range(3)]
+    episodes = Evaluation(_FACTS, {"zero": scores}).as_json()["episodes"]
+    assert [entry.get("diverged") for entry in episodes] == [None, True, None]
+
+
 def test_result_json_has_one_line_for_each_episode() -> None:
     content = _evaluation("one").as_json()
     text = in_lines(content)
