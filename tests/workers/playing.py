@@ -147,6 +147,8 @@ def print_and_seeds(setup: Setup, seeds: tuple[int, ...]) -> tuple[int, ...]:
     """The same after printing, which must not disturb the answer."""
     print("printed by a policy")
     os.write(1, b"written by a library\n")
+    # Nor may reading: the messages are not on the standard input of policies.
+    assert os.path.samestat(os.fstat(0), os.stat(os.devnull))
     return seeds
 
 

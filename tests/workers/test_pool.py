@@ -110,6 +110,7 @@ def test_a_unit_that_ends_its_worker_three_times_ends_the_run_and_nothing_else()
         f"policy 'random', seeds 64 to 127 lost 3 workers on node {socket.gethostname()}, the "
         "last one by exit status 7"
     )
+    assert pool._lost == 3
     assert [unit.seeds[0] for unit in kept] == [60]
 
 

@@ -83,6 +83,8 @@ def test_a_worker_answers_prints_to_standard_error_and_ends_with_its_input(
     worker.send_signal(0)
     write_message(units, [_message(print_and_seeds, setup, (3, 4), {setup.key: setup})])  # pyright: ignore[reportArgumentType]
     assert pickle.loads(read_message(answers)) == Answer((3, 4))  # pyright: ignore[reportArgumentType]
+    score = Path(f"/proc/{worker.pid}/oom_score_adj")
+    assert not score.exists() or score.read_text() == "500\n"  # Linux ends it before the driver
     worker.send_signal(signal.SIGINT)  # the driver's business
     write_message(units, [_message(print_and_seeds, setup, (5,))])  # pyright: ignore[reportArgumentType]
     assert pickle.loads(read_message(answers)) == Answer((5,))  # pyright: ignore[reportArgumentType]

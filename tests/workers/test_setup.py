@@ -87,6 +87,10 @@ def test_few_setups_stay_open() -> None:
     opened = first.opened()
     for steps in range(1, 6):
         prepare(*TASK, "random", time_limit=steps * 0.02).opened()
+        if steps == 3:  # as many as an evaluation has, and one more
+            assert first.opened() is opened
+    for steps in range(1, 5):
+        prepare(*TASK, "random", time_limit=steps * 0.02).opened()
     assert first.opened() is not opened
 
 
@@ -154,6 +158,19 @@ def test_what_other_processes_cannot_import_is_refused(monkeypatch: pytest.Monke
         prepare(lambda seed: plain_domain.make(seed), policy="random")
     with pytest.raises(PolicyError, match="that other processes cannot import by that name"):
         prepare(*TASK, lambda observation: [0.0])
+    typed_in = types.ModuleType("typed_in")
+    exec("def act(observation):\n    return [0.0]\n", vars(typed_in))
+    monkeypatch.setitem(sys.modules, "typed_in", typed_in)
+    with pytest.raises(PolicyError, match="'typed_in:act' has no source file, so other processes"):
+        prepare(*TASK, typed_in.act)
+
+    def make(seed: int) -> Any:
+        return plain_domain.make(seed)
+
+    make.__module__, make.__qualname__ = "__main__", "make"
+    monkeypatch.setattr(sys.modules["__main__"], "make", make, raising=False)
+    with pytest.raises(ValueError, match="__main__:make cannot be imported by other processes"):
+        prepare(make, policy="random")
     module = types.ModuleType("only_here")
     module.__dict__.update({name: getattr(suite.pendulum, name) for name in dir(suite.pendulum)})
     module.__name__ = "only_here"
