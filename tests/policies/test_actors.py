@@ -14,7 +14,7 @@ from dm_env import specs
 from limberjack import policies, suite
 from limberjack.episodes.playing import batch_for, play
 from limberjack.policies import PolicyError
-from limberjack.policies.actors import Batched
+from limberjack.policies.actors import Batched, Deferred
 from limberjack.rl import batch_of, control
 from limberjack.suite import base
 from tests.rollouts import run_episode
@@ -213,6 +213,35 @@ def test_an_error_before_episodes_names_the_policy_and_the_seeds() -> None:
     with pytest.raises(KeyError) as caught:
         policy.begin_alone(_ENVIRONMENT, 70)
     assert caught.value.__notes__ == ["policy 'a policy', before the episodes with seeds [70]"]
+
+
+def test_a_row_counts_the_steps_of_its_latest_episode() -> None:
+    build, rows, fails = _load("walker", "walk"), np.arange(1), [False, False, True]
+    actor = Batched("a policy", None, lambda seen: np.full((64, 6), np.nan if fails.pop(0) else 0))
+    with contextlib.closing(batch_of(build, 1, 1, seed=0)) as batch:
+        observation = batch.reset().observation
+        for seed in (3, 4):
+            actor.begin(batch, rows, [seed])
+            if seed == 4:
+                break
+            for _ in range(2):
+                actor.act(observation, rows)
+        with pytest.raises(PolicyError, match="step 0 of the episode with seed 4: returned nan"):
+            actor.act(observation, rows)
+
+
+def test_a_policy_that_is_found_late_is_found_for_each_environment() -> None:
+    def find(environment: Any) -> Any:
+        def act_batch(seen: object) -> np.ndarray:
+            return np.full((64, 2), environment.number)
+
+        return Batched("late", None, act_batch)
+
+    actor, numbers = Deferred("late", find), []
+    for number in (1.0, 2.0):
+        environment: Any = SimpleNamespace(action_spec=lambda: _SPEC, number=number)
+        numbers.append(actor.begin_alone(environment, 0)({"x": np.zeros(1)})[0])
+    assert numbers == [1.0, 2.0]
 
 
 def test_episodes_of_one_policy_alone_do_not_mix() -> None:

@@ -44,6 +44,26 @@ def test_an_environment_of_gymnasium_is_refused_by_its_type(policy: str) -> None
         policies.find(policy, cast(Any, environment))
 
 
+def test_an_object_with_the_state_of_episodes_is_copied_where_others_use_it_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[object] = []
+
+    class Counting:
+        def reset(self) -> None:
+            begun.append(self)
+
+        def act(self, observation: object) -> np.ndarray:
+            return np.zeros(21)
+
+    one = Counting()
+    monkeypatch.setattr(evaluated, "one", one, raising=False)
+    for is_shared in (False, True):
+        policies.find(f"{evaluated.__name__}:one", is_shared=is_shared).begin_alone(_ENVIRONMENT, 0)
+    assert begun[0] is one
+    assert begun[1] is not one
+
+
 def test_other_objects_are_refused() -> None:
     with pytest.raises(policies.PolicyError, match="is of type int; expected a function of an"):
         policies.find(3)

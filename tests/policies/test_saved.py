@@ -58,6 +58,20 @@ def test_a_file_that_is_not_there_is_one_error_that_names_it(
         policies.find("sb3:none.zip", suite.load("humanoid", "stand"))
 
 
+def test_a_model_is_read_with_the_normalisation_beside_it_and_called_code(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    model, beside = tmp_path / "walk.v1.zip", tmp_path / "walk.v1.vecnormalize.pkl"
+    model.write_bytes(b"1")
+    name = f"sb3:{tmp_path}/walk.v1"  # as `save` names it without the ending
+    assert saved.read_model(name) == {model: b"1"}
+    assert [record.getMessage() for record in caplog.records] == [saved.RUNS_CODE % name]
+    beside.write_bytes(b"2")
+    assert saved.read_model(f"{name}.zip") == {model: b"1", beside: b"2"}
+    with pytest.raises(policies.PolicyError, match=r"is a folder; expected the file that mo"):
+        saved.read_model(f"sb3:{tmp_path}")
+
+
 def test_without_stable_baselines3_the_error_says_what_is_needed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
