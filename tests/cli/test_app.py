@@ -140,10 +140,19 @@ def test_a_module_that_cannot_be_imported_is_named(
     assert (done.exit_code, done.stderr) == (2, f"limberjack: --import a_module: {message}\n")
 
 
-def test_a_relative_import_is_refused() -> None:
-    result = invoke("--import", ".domains", "list")
+@pytest.mark.parametrize(
+    ("module", "message"),
+    [
+        (".domains", "expected the full name of a module"),
+        ("colorsys", "the module registers no domain; write suite.register(NAME, __name__) in its"),
+        ("no_such_module", "No module named 'no_such_module'"),
+    ],
+)
+def test_what_is_no_module_of_domains_is_refused(module: str, message: str) -> None:
+    result = invoke("--import", module, "list")
     assert result.exit_code == 2
-    assert result.stderr == "limberjack: --import .domains: expected the full name of a module\n"
+    assert result.stderr.startswith(f"limberjack: --import {module}: {message}")
+    assert result.stderr.count("\n") == 1
 
 
 # Any: Typer's own classes of commands.

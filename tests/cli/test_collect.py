@@ -70,6 +70,7 @@ def test_a_mistake_in_the_second_task_of_a_set_is_one_line_that_names_it(tmp_pat
     result = invoke("collect", "--set", "pendulum:swingup,point_mass:easy", *options)
     assert result.exit_code == 1
     assert result.stderr.startswith(f"limberjack: point_mass easy: {tmp_path}/point_mass-easy/data")
+    assert "; 2 of 4 episodes are in " in result.stderr
     assert result.stderr.count("\n") == 1
     assert len(load(tmp_path / "pendulum-swingup")) == 2
 

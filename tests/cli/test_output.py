@@ -10,6 +10,7 @@ import typer
 from limberjack import policies
 from limberjack.cli import output
 from limberjack.cli.output import add_summaries, console, summaries_table
+from limberjack.episodes.manifest import DamagedError
 from limberjack.episodes.statistics import Score, strata, summarise
 from limberjack.policies.kinds import Locating, PolicyError
 from limberjack.policies.saved import read_model
@@ -75,7 +76,8 @@ def test_a_policy_is_found_in_the_working_directory_of_the_program(
     (tmp_path / "policy_of_a_test.py").write_text("def act(observation):\n    return [0.0]\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
-    output.search_working_directory("zero")
+    for policy in ("zero", "sb3:walk.zip", "mlp:walk.safetensors"):
+        output.search_working_directory(policy)
     assert str(tmp_path) not in sys.path
     for _ in range(2):
         output.search_working_directory("policy_of_a_test:act")
@@ -125,6 +127,13 @@ def test_a_failure_is_a_mistake_until_an_episode_has_begun(
     assert re.fullmatch(f"{line}\n", capsys.readouterr().err)
     assert _failed(error, 0) == output.FAILED
     assert re.fullmatch(f"{line}; 2 of 3 finished\n", capsys.readouterr().err)
+
+
+def test_a_failure_that_would_recur_comes_without_the_advice_to_continue(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert _failed(DamagedError("a file is damaged"), 2) == output.FAILED
+    assert capsys.readouterr().err == "limberjack: a file is damaged\n"
 
 
 def test_an_interrupt_has_its_status_and_the_number_of_episodes(

@@ -139,6 +139,15 @@ def test_mistakes_are_one_line_and_write_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(("ending", "kind"), [("safetensors", "mlp"), ("onnx", "onnx")])
+def test_an_exported_policy_is_named_by_the_kind_of_its_file(
+    ending: str, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.policies.exporting.export", lambda *given, **how: None)
+    result = invoke("export", "sb3:walk.zip", f"walk.{ending}")
+    assert result.stdout == f"walk.{ending}: --policy {kind}:walk.{ending}\n"
+
+
 def test_an_exported_model_is_played_by_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -97,7 +97,7 @@ def test_units_are_shown_with_their_throughput_and_the_workers(
         units.show("random", 100)
         units.show_state(State(2, 1, starting=1))
         now += 10
-        units.show("random", 164)
+        units.show("sb3:[red]walk.zip", 164)
         time.sleep(0.25)
         now += 118
         units.show("zero", 200)
@@ -106,6 +106,7 @@ def test_units_are_shown_with_their_throughput_and_the_workers(
     shown = _shown(capsys)
     assert (units.finished, units.episodes) == (200, 300)
     assert any("164/300 6.4 episodes/s" in line for line in shown)
+    assert any(line.startswith("sb3:[red]walk.zip ") for line in shown)  # as it is
     assert any("1 of 2 workers playing, 1 starting" in line for line in shown)
     assert any("46.9 episodes/min" in line for line in shown)
     assert "limberjack: node b was lost: its units are played again" in shown

@@ -375,6 +375,10 @@ def test_an_episode_of_a_dataset_is_filmed(tmp_path: Path) -> None:
         ),
         (["--from", "data", "--action-repeat", "1"], "got --action-repeat beside --from data"),
         (["--from", "data", "--rows", "2"], "got --rows beside --from data"),
+        (["--from", "data", "--seconds", "2"], "got --seconds beside --from data"),
+        (["--from", "data", "--policy", "random"], "got --policy beside --from data"),
+        (["--from", "data", "--faults", "easy"], "got --faults beside --from data"),
+        (["--from", "data", "--appearance", "color_easy"], "got --appearance beside --from data"),
         (["--from", "data"], "data is no folder"),
     ],
 )

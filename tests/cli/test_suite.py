@@ -41,6 +41,15 @@ def test_list_as_json_has_an_object_for_each_task_with_the_sizes_of_the_table() 
     assert (stacker["domain"], stacker["tags"]) == ("stacker", ["hard", "extra"])
 
 
+def test_an_installed_domain_that_cannot_be_listed_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(suite, "find_installed", lambda: {"swing": "it needs 'scipy'"})
+    result = invoke("list")
+    assert result.exit_code == 0
+    assert result.stderr == "limberjack: domain 'swing' is left out: it needs 'scipy'\n"
+
+
 def test_the_models_of_a_domain_that_was_assigned_are_compiled_for_their_sizes() -> None:
     name = "a_domain_of_these_tests"
     suite._DOMAINS[name] = importlib.import_module(plain_domain.__name__)
