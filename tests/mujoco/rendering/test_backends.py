@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from limberjack.mujoco.rendering import RenderingError, backends, native, use_device
+from limberjack.mujoco.rendering.egl import Egl
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="EGL and OSMesa are Linux's")
 with_osmesa = pytest.mark.skipif(
@@ -60,6 +61,30 @@ def test_an_unknown_device_is_refused_and_not_replaced(
     printed = run_script(_DRAW, MUJOCO_GL=backend, MUJOCO_EGL_DEVICE_ID=device)
     assert f"MUJOCO_EGL_DEVICE_ID={device!r} is not an EGL device; expected a number" in printed
     assert "limberjack doctor" in printed
+
+
+@on_linux
+def test_a_device_of_the_environment_is_not_replaced_by_software(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for device, chosen in (("0", ("egl",)), ("", backends.names())):
+        monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", device)
+        assert backends._choice("", None) == chosen
+    assert backends._choice("", 0) == ("egl",)
+
+
+def test_a_device_just_past_the_last_one_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    egl = Egl.__new__(Egl)
+    monkeypatch.setattr(egl, "_found_devices", lambda: [1, 2])
+    assert egl._devices("1", "device") == [2]
+    with pytest.raises(RenderingError, match=r"device='2' is not an EGL device; .*: 0 to 1\."):
+        egl._devices("2", "device")
+
+
+def test_a_graphics_card_has_no_second_backend() -> None:
+    egl = Egl.__new__(Egl)
+    egl.renderer = "NVIDIA H200"
+    assert backends.opened_again(egl) is None
 
 
 @on_linux

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from limberjack.mujoco import Physics, wrapper
-from limberjack.mujoco.rendering import call, canvases
+from limberjack.mujoco.rendering import call, canvases, thread
 
 _MODEL = """
 <mujoco>
@@ -51,8 +51,19 @@ def test_models_with_different_resources_do_not_share_a_canvas(
 ) -> None:
     # All are kept: a later one might have the id of one that is gone.
     monkeypatch.setattr(canvases, "_MOST_SHARED", 8)
-    others = [_physics(colour=".9 0 0"), _physics(shadow=256)]
-    assert len({_context(p) for p in (_physics(), *others)}) == 3
+    others = [_physics(colour=".9 0 0"), _physics(shadow=256), _physics()]
+    others[-1].model.stat.extent = 7.0  # by which fog begins, which a context has from its creation
+    assert len({_context(p) for p in (_physics(), *others)}) == 4
+
+
+@pytest.mark.parametrize("size", [(48, 96), (96, 48)])
+def test_a_model_whose_buffer_was_enlarged_is_drawn_whole(size: tuple[int, int]) -> None:
+    enlarged, fresh = _physics(), _physics()
+    enlarged.render(48, 48)
+    for physics in (enlarged, fresh):
+        whole = physics.model.vis.global_
+        whole.offheight, whole.offwidth = size
+    np.testing.assert_array_equal(enlarged.render(*size), fresh.render(*size))
 
 
 def test_models_that_share_a_canvas_are_compared_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,8 +107,23 @@ def test_more_models_than_are_kept_can_be_drawn_in_turn() -> None:
     rooms = [_physics(f".{k} .5 .5") for k in range(10, 14)]
     first = [p.render(48, 48) for p in rooms]
     assert len({frame.tobytes() for frame in first}) == len(rooms)
+    kept = thread._process._threads[0].canvases._canvases
+    assert sum(isinstance(key, canvases._Shared) for key in kept) == canvases._MOST_SHARED
     for room, frame in zip(rooms, first, strict=True):
         np.testing.assert_array_equal(room.render(48, 48), frame)
+
+
+def test_after_a_nested_picture_of_another_model_the_outer_context_is_current() -> None:
+    first, second = _physics(), _physics(colour=".9 0 0")
+    area, pixels = mujoco.MjrRect(0, 0, 48, 48), np.zeros((48, 48, 3), np.uint8)
+
+    def fill_and_read(context: mujoco.MjrContext) -> None:
+        mujoco.mjr_rectangle(area, 0, 1, 0, 1)
+        second.render(48, 48)
+        mujoco.mjr_readPixels(pixels, None, area, context)
+
+    call(first.model._official, fill_and_read)
+    assert (pixels == [0, 255, 0]).all()
 
 
 def test_changes_to_a_private_context_affect_no_other() -> None:

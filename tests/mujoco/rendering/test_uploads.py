@@ -46,8 +46,7 @@ def _height_field(model: mujoco.MjModel) -> None:
 
 
 def _height_fields_size(model: mujoco.MjModel) -> None:
-    _height_field(model)
-    model.hfield("high").size[2] *= 2
+    model.hfield("high").size[:2] *= 0.5
 
 
 def _sky(model: mujoco.MjModel) -> None:
@@ -208,6 +207,15 @@ def test_only_the_objects_that_differ_are_uploaded(monkeypatch: pytest.MonkeyPat
         assert held.are_current(model)
         assert uploaded.pop() == one
         assert not uploaded
+
+
+def test_a_cube_has_six_faces_where_its_height_is_not_its_width() -> None:
+    model = mujoco.MjModel.from_xml_string(_MODEL)
+    sky = model.tex("sky")
+    for change, pixels in ((_sky, 6 * 16**2), (_one_face, 8**2), (_faces, 6 * 12**2)):
+        change(model)
+        part = uploads._part(model, "tex_data", sky.id)
+        assert (part.start, part.stop) == (sky.adr[0], sky.adr[0] + 3 * pixels)
 
 
 def test_models_that_nobody_can_change_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
