@@ -96,9 +96,10 @@ def test_a_dataset_of_another_task_is_refused_by_what_differs(
 def test_names_of_tasks_are_compared_where_both_have_them(dataset: data.Dataset) -> None:
     check_of_task(dataset, "pendulum", "swingup")
     check_of_task(dataset, None, None)  # a function's
-    expected = "demonstrations are of pendulum swingup; expected those of walker walk"
-    with pytest.raises(ValueError, match=expected):
-        check_of_task(dataset, "walker", "walk")
+    for domain, task in (("walker", "walk"), ("pendulum", "balance")):
+        expected = f"demonstrations are of pendulum swingup; expected those of {domain} {task}"
+        with pytest.raises(ValueError, match=expected):
+            check_of_task(dataset, domain, task)
 
 
 def test_other_episodes_or_observations_are_other_demonstrations(

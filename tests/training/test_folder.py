@@ -4,6 +4,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack.training.folder import Folder, opened
@@ -27,6 +28,15 @@ def test_a_folder_opens_again_with_the_same_identity(tmp_path: Path) -> None:
         with _opened(tmp_path / "run") as folder:
             assert not folder.policy.exists()
             assert folder.load() is None
+
+
+def test_a_curve_has_all_digits(tmp_path: Path) -> None:
+    numbers = np.array([[2.0, 1 / 3], [1e6 + 1, -1e-17]])
+    with _opened(tmp_path) as folder:
+        folder.write_curve(["steps", "return"], numbers)
+        assert folder.curve.read_text().splitlines()[0] == "steps,return"
+        read = np.loadtxt(folder.curve, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(read, numbers)
 
 
 def test_one_process_at_a_time_writes(tmp_path: Path) -> None:

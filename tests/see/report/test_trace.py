@@ -121,6 +121,20 @@ def test_plans_are_traced_at_the_steps_that_they_are_for() -> None:
     assert trace.stages == [(0.0, "reach"), (0.05, "grasp")]
 
 
+def test_the_plans_of_a_long_trace_are_those_of_its_samples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(trace_module, "_MOST_SAMPLES", 2)
+    env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.1})
+    trace = report.Trace(env)
+    trace.add(Step(0, 0.0, env.reset(), None))
+    for number in range(1, 5):
+        trace.add_plan("reach", {"far": float(number)})
+        trace.add(Step(number, 0.0, env.step(np.zeros(21)), np.zeros(21)))
+    np.testing.assert_allclose(trace.seconds, [0.0, 0.1])
+    np.testing.assert_array_equal(trace.plan_terms["far"], [np.nan, 4.0])
+
+
 def test_a_trace_without_a_planner_has_no_plans() -> None:
     _, trace = _traced("humanoid", "walk", 0.1)
     assert trace.plan_terms == {}
