@@ -123,6 +123,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    losses = Losses(observations=loss)", "    losses = Losses(loss, loss)"),
     ],
     "training/demonstrations.py": [
+        ('(facts["domain"], facts["task"]) != (domain, task)', 'facts["domain"] != domain'),
         ("ends & bool(episode.truncated[-1])", "ends"),
         ("np.clip(actions, low, high).astype", "actions.astype"),
         ("np.minimum(first + repeat, episode.length)", "first + 1"),
@@ -623,12 +624,16 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "workers/attempt.py": [("except (Exception, SystemExit) as", "except Exception as")],
     "workers/pool.py": [
+        ("if attempts[unit] == _ATTEMPTS:", "if attempts[unit] > _ATTEMPTS:"),
         (
             "        answers = _Answers()\n",
             '        answers = vars(self).setdefault("answers", _Answers())\n',
         ),
     ],
-    "workers/process.py": [("    os.register_at_fork(after_in_child=answers.close)\n", "")],
+    "workers/process.py": [
+        ("    os.register_at_fork(after_in_child=answers.close)\n", ""),
+        ("        os.dup2(nothing.fileno(), sys.stdin.fileno())", "        pass"),
+    ],
     "workers/factories.py": [
         (
             'if known is not None and known.source == "suite":',
@@ -655,7 +660,19 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "cli/app.py": [
         ("except (AttributeError, ImportError, OSError)", "except (AttributeError, ImportError)")
     ],
-    "episodes/running.py": [(", equal_nan=True", "")],
+    "episodes/collecting.py": [
+        (
+            "        if kind is None:\n            self._wait()",
+            "        if False:\n            self._wait()",
+        ),
+        ("            if order in (FILE, PART):", "            if order == FILE:"),
+        ("    if player.actor.sha256 is None:", "    if False:"),
+        ("            policies.find(of_task, environment, num_threads=1)", "            pass"),
+    ],
+    "episodes/running.py": [
+        (", equal_nan=True", ""),
+        ("            if is_ours and self._shard is None:", "            if self._shard is None:"),
+    ],
     "episodes/films.py": [
         (", equal_nan=True", ""),
         (", on_ended=check)", ")"),
@@ -664,7 +681,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            physics.forward()\n", ""),
         ("pixels or dataset.recipe.kept.pixels or Pixels()", "pixels or Pixels()"),
     ],
-    "cli/record.py": [("return DepartedError, ImportError", "return ImportError")],
+    "cli/output.py": [
+        ('":" in policy and not policies.is_saved_model(policy)', '":" in policy'),
+        ("if begun and not would_recur else", "if begun else"),
+    ],
+    "cli/record.py": [
+        ("return DepartedError, ImportError", "return ImportError"),
+        ('                "--faults": faults,\n', ""),
+    ],
     "see/report/page.py": [(' if entry["return"] is not None)\n    mean', ")\n    mean")],
     "cli/view.py": [
         ('repr(time_limit).removesuffix(".0")', 'f"{time_limit:g}"'),
@@ -723,6 +747,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("gap * gap * (before * count / total)", "gap * gap * (count / total)"),
     ],
     "episodes/folder.py": [
+        ("card.exists() and CARD_LINE.encode() in read_regular(card)", "card.exists()"),
         ("for seeds in files[:1]:", "for seeds in files:"),
         ("for seeds in parts[:1]:", "for seeds in parts:"),
         ("wanted = united([*before, *self._wanted,", "wanted = united([*self._wanted,"),
@@ -740,6 +765,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        self._remove_unfinished()  # of", "        # of"),
     ],
     "episodes/loading.py": [
+        ("contextlib.suppress(OSError, ValueError)", "contextlib.suppress(OSError)"),
         ("if size == file.nbytes", "if size >= file.nbytes"),
         ("    if gaps and not allow_gaps:\n", "    if False:\n"),
         ("if problems and not allow_gaps:", "if len(problems) > 1 and not allow_gaps:"),
@@ -756,7 +782,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return steps * control_timestep", "return (steps + 1) * control_timestep"),
         ("range(following, min(part.seeds.stop, seeds.stop))", "range(following, part.seeds.stop)"),
         ("            if following not in part.seeds:\n                break\n", ""),
-        ("            if following not in part.seeds:\n", "            if False:\n"),
         ("sum(one.length + 1 for one in group) * row >= GROUP", "len(group) * row >= GROUP"),
         ("bisect.bisect_right(self._groups, first) - 1", "bisect.bisect_left(self._groups, first)"),
         ("if not set(self._groups) <= set(self._firsts):", "if False:"),
@@ -882,6 +907,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return self.steps // self.source.action_repeat", "return self.steps"),
         ("if score.is_after(steps)]", "]"),
     ],
+    "evaluation/experiment.py": [
+        ("    if shard is not None and directory is None:", "    if False:"),
+    ],
+    "evaluation/results.py": [
+        ("        picture.unlink(missing_ok=True)  # of an earlier call\n", ""),
+        ('{**entry, "diverged": True} if score.diverged else entry', "entry"),
+    ],
     "evaluation/statistics.py": [
         ("cut = int(_CUT * flat.shape[-1])", "cut = round(_CUT * flat.shape[-1])"),
         ("checked = _finite(scores)", "checked = scores"),
@@ -988,6 +1020,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("_turn.lock, _libraries().limit(limits=1)", "_turn.lock"),
         ("_turn.lock, _libraries().limit(limits=1)", "_libraries().limit(limits=1)"),
     ],
+    "policies/saved.py": [('path.with_name(f"{path.name}.zip")', 'path.with_suffix(".zip")')],
+    "policies/built_in.py": [("_ACTION_STREAM = 1", "_ACTION_STREAM = 0")],
     "policies/onnx.py": [
         ("np.clip(found, self._least, self._most)", "np.clip(found, -9.0, 9.0)"),
         ("    options.log_severity_level = _FATAL\n", ""),
@@ -1230,6 +1264,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("        _check(data.model._official, self.get_state(STATE))\n", ""),
         ("            model.opt.disableflags = self._flags_before\n", ""),
+    ],
+    "mujoco/rendering/uploads.py": [('("hfield_size", "hfield_data")', '("hfield_data",)')],
+    "mujoco/rendering/canvases.py": [
+        (
+            "size[0] <= self.mjr.offHeight and size[1] <= self.mjr.offWidth",
+            "size[0] <= self.mjr.offHeight",
+        ),
     ],
     "mujoco/rendering/thread.py": [
         ("            self._is_started = True\n", "            pass\n"),
