@@ -24,7 +24,8 @@ _MODEL = """
     <hfield name="low" nrow="8" ncol="9" size="1 1 .5 .1"/>
     <hfield name="high" nrow="5" ncol="7" size="1 1 .5 .1"/>
     <mesh name="small" vertex="0 0 0  1 0 0  0 1 0  0 0 1"/>
-    <mesh name="large" vertex="0 0 0  2 0 0  0 2 0  0 0 2"/>
+    <mesh name="large" vertex="0 0 0  2 0 0  0 2 0  0 0 2" texcoord="0 0  1 0  0 1  1 1"
+          face="0 2 1  0 1 3  0 3 2  1 2 3"/>
   </asset>
   <worldbody>
     <light pos="0 0 4"/>
@@ -32,7 +33,7 @@ _MODEL = """
     <geom type="hfield" hfield="low" pos="0 2 0"/>
     <geom type="hfield" hfield="high" pos="2 0 0"/>
     <geom type="mesh" mesh="small" pos="-1 0 .5"/>
-    <geom type="mesh" mesh="large" pos="-3 -1 .5"/>
+    <geom type="mesh" mesh="large" pos="-3 -1 .5" material="flat"/>
     <geom type="box" size=".5 .5 .5" material="cube" pos="0 -2 1"/>
     <camera name="eye" pos="0 -8 5" xyaxes="1 0 0 0 .5 .866"/>
   </worldbody>
@@ -67,6 +68,10 @@ def _mesh(model: mujoco.MjModel) -> None:
     model.mesh_vert[4:, 2] *= 1.5
 
 
+def _picture_on_a_mesh(model: mujoco.MjModel) -> None:
+    model.mesh_texcoord[:] *= 0.3
+
+
 def _one_face(model: mujoco.MjModel) -> None:
     """One image on all sides of the sky, in the first bytes of the texture."""
     sky = model.tex("sky")
@@ -94,7 +99,7 @@ def _transparent(model: mujoco.MjModel) -> None:
 
 
 _CHANGES = [
-    *(_height_field, _height_fields_size, _sky, _cube, _flat, _mesh),
+    *(_height_field, _height_fields_size, _sky, _cube, _flat, _mesh, _picture_on_a_mesh),
     *(_one_face, _faces, _rows, _place, _transparent),
 ]
 _every_change = pytest.mark.parametrize("change", _CHANGES)
@@ -199,7 +204,7 @@ def test_only_the_objects_that_differ_are_uploaded(monkeypatch: pytest.MonkeyPat
     held.update(model, context)
     assert not uploaded
     expected = [("nhfield", 1), ("nhfield", 1), ("ntex", 0), ("ntex", 1), ("ntex", 2), ("nmesh", 1)]
-    expected += [("ntex", number) for number in (0, 0, 2, 2, 2)]
+    expected += [("nmesh", 1), *(("ntex", number) for number in (0, 0, 2, 2, 2))]
     for change, one in zip(_CHANGES, expected, strict=True):
         change(model)
         assert not held.are_current(model)
