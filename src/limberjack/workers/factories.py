@@ -105,7 +105,7 @@ def factory_of(
     _refuse_beside(name, task, time_limit, world)
     if not takes_a_seed(domain):
         raise TypeError(f"{name} cannot be called with a seed; expected make(seed) -> Environment")
-    is_named = defined_in(domain) is domain and "<" not in name and imported(name) is domain
+    is_named = defined_in(domain) is domain and imported(name) is domain
     sha256 = hash_of_source(domain) if is_named else None
     facts = {"environment": name, "environment_sha256": sha256}
 
