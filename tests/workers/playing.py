@@ -167,7 +167,7 @@ def fork_and_end(setup: Setup, seeds: tuple[int, ...]) -> None:
     """Ends the process, but not one that it has forked, whose number it prints."""
     child = os.fork()
     if not child:
-        time.sleep(60)
+        time.sleep(600)  # unless the test ends it
         os._exit(0)
     print(child, flush=True)
     os._exit(7)
