@@ -7,7 +7,8 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -482,13 +483,14 @@ print("safetensors" in sys.modules)
 
 # Prints a hash of the actions of a policy, with as many threads for products as there may be.
 _ACT = """
-import hashlib, os, sys
-os.environ["OPENBLAS_NUM_THREADS"] = sys.argv[1]
+import hashlib, sys
 import numpy as np
+from threadpoolctl import ThreadpoolController
+limited = ThreadpoolController().limit(limits=int(sys.argv[1]))
 from limberjack.policies import mlp
 random = np.random.RandomState(0)
-sizes = [(256, 64), (256, 256), (4, 256)]
-layers = [(random.normal(size=size) / 16, np.zeros(size[0])) for size in sizes]
+sizes = [(1000, 64), (1000, 1000), (4, 1000)]  # with which two threads round in another way
+layers = [(random.normal(size=size) / 32, np.zeros(size[0])) for size in sizes]
 card = mlp.Card((("observations", (64,)),), (-1.0,) * 4, (1.0,) * 4)
 actions = mlp.Mlp(layers, card).actions(random.normal(size=(64, 64)))
 print(hashlib.sha256(actions.tobytes()).hexdigest())
@@ -506,6 +508,14 @@ def _threads() -> list[int]:
     return [library["num_threads"] for library in found]
 
 
+@pytest.fixture
+def two_threads() -> Iterator[None]:
+    """Two threads for products, on a single core too."""
+    with ThreadpoolController().limit(limits=2, user_api="blas"):
+        yield
+
+
+@pytest.mark.usefixtures("two_threads")
 def test_products_have_one_thread_until_the_context_ends() -> None:
     before = _threads()
     with mlp.one_thread():
@@ -519,14 +529,16 @@ def test_products_have_one_thread_until_the_context_ends() -> None:
     assert _threads() == before
 
 
+@pytest.mark.usefixtures("two_threads")
 def test_threads_take_turns() -> None:
     before, inside, most = _threads(), [0], [0]
 
     def multiply() -> None:
-        for _ in range(50):
+        for _ in range(10):
             with mlp.one_thread():
                 inside[0] += 1
                 most[0] = max(most[0], inside[0])
+                time.sleep(0.001)  # in which another thread would enter
                 np.ones((64, 64)) @ np.ones((64, 64))
                 inside[0] -= 1
 
