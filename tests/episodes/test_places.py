@@ -28,6 +28,16 @@ def test_a_name_without_a_protocol_is_a_path(name: str) -> None:
     assert place_of(Path(name)) == Path(name)
 
 
+def test_the_empty_name_is_refused() -> None:
+    with pytest.raises(ValueError, match="the name of the folder is empty; expected a path or a U"):
+        place_of("")  # such as a variable of the shell that is not set
+
+
+def test_a_link_to_nothing_is_there(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "nothing")
+    assert exists(tmp_path / "link")
+
+
 def test_a_url_of_this_machine_is_a_path(tmp_path: Path) -> None:
     folder = tmp_path / "with a blank"
     assert place_of(folder.as_uri()) == folder

@@ -135,6 +135,20 @@ def test_a_manifest_with_other_figures_than_the_episodes_is_found_and_made_again
     load(folder).verify()
 
 
+def test_a_manifest_with_another_number_of_rows_than_a_file_is_made_again(
+    folder: Path, pendulums: Dataset
+) -> None:
+    content = json.loads((folder / "dataset.json").read_text())
+    content["files"][0]["rows"] += 1
+    content["steps"] += 1
+    (folder / "dataset.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"is not the file that dataset\.json lists, whose seeds"):
+        load(folder)
+    _repair(folder)
+    assert _moved(folder) == ["dataset.json"]
+    assert whole_hashes(folder) == whole_hashes(folder_of(pendulums))
+
+
 def test_a_dataset_at_a_url_is_repaired(folder: Path, pendulums: Dataset) -> None:
     fsspec = pytest.importorskip("fsspec", reason="needs the extra 'data'")
     files = fsspec.filesystem("memory")
@@ -149,13 +163,17 @@ def test_a_dataset_at_a_url_is_repaired(folder: Path, pendulums: Dataset) -> Non
 
 
 def test_another_dataset_is_refused_and_nothing_is_moved(folder: Path) -> None:
-    (folder / "episodes" / _FIRST).write_bytes(b"PAR1")
-    for name in ("dataset.json", "README.md"):  # then without a manifest
+    whole = (folder / "episodes" / _SECOND).read_bytes()
+    for name in (_FIRST, _SECOND):
+        (folder / "episodes" / name).write_bytes(b"PAR1")
+    for is_listed in (True, False):  # as the manifest alone says, and as a file alone does
+        if not is_listed:
+            (folder / "dataset.json").unlink()
+            (folder / "episodes" / _SECOND).write_bytes(whole)
         before = _times(folder)
         with pytest.raises(ValueError, match=r"another dataset .*, whose flat is False and True: "):
             _repair(folder, kept=Kept(flat=True))
         assert _times(folder) == before
-        (folder / name).unlink()
 
 
 def test_nothing_is_moved_while_another_process_writes_or_with_a_shard(folder: Path) -> None:

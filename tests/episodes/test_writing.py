@@ -9,6 +9,7 @@ import pickle
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -142,6 +143,37 @@ def test_a_worker_without_the_probe_returns_the_bytes_and_reads_nothing(
     for order in (LIST, joining([_SEEDS])):
         assert ordered(writing, order) == Unseen(_NODE)
     assert _left(tmp_path) == []
+
+
+def test_a_worker_that_does_not_reach_the_server_of_the_folder_returns_the_bytes(
+    ordered: _Ordered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unreached(place: object) -> bool:
+        raise ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused")
+
+    monkeypatch.setattr("limberjack.episodes.writing.exists", unreached)
+    assert ordered(_writing(tmp_path), FILE) == Unseen(_NODE, _CONTENT)
+
+
+def test_a_file_is_written_while_another_process_removes_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    removals = 2
+
+    def removing(path: Path, folder: Path) -> Any:
+        nonlocal removals
+        if removals:
+            removals -= 1
+            folder.rmdir()
+        return filling(path, folder)
+
+    monkeypatch.setattr("limberjack.episodes.writing.filling", removing)
+    Writing(tmp_path, _RECIPE).write(_SEEDS, _CONTENT, PART)
+    assert (tmp_path / "parts" / f"{_NAME}.part").read_bytes() == _CONTENT
+    removals = 10
+    (tmp_path / "parts" / f"{_NAME}.part").unlink()
+    with pytest.raises(FileNotFoundError):
+        Writing(tmp_path, _RECIPE).write(_SEEDS, _CONTENT, PART)
 
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOSPC])

@@ -72,6 +72,7 @@ def test_a_file_replaces_numbers_and_leaves_defaults(tmp_path: Path) -> None:
         ("noise = 1.5", "noise is 1.5; expected a number from 0 to 1"),
         ("reward_offset = 'x'", "reward_offset is 'x'; expected a number"),
         ("steps = 1.5", "steps is 1.5; expected a whole number of at least 1"),
+        ("steps = true", "steps is True; expected a whole number of at least 1"),
         ("actor = 64", "actor is 64; expected widths of layers"),
         ("actor = [0]", r"actor is \(0,\); expected widths of layers"),
         ("time_limit = 0", "time_limit is 0; expected seconds"),
