@@ -777,7 +777,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "episodes/parquet.py": [
         ("or column.size == 0  # pyarrow", "# pyarrow"),
-        ("if column.is_of_step else None", "if True else None"),
         ("    return steps == episode.length\n", "    return steps == episode.length - 1\n"),
         ("return steps * control_timestep", "return (steps + 1) * control_timestep"),
         ("range(following, min(part.seeds.stop, seeds.stop))", "range(following, part.seeds.stop)"),
