@@ -625,6 +625,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "workers/attempt.py": [("except (Exception, SystemExit) as", "except Exception as")],
     "workers/pool.py": [
         ("if attempts[unit] == _ATTEMPTS:", "if attempts[unit] > _ATTEMPTS:"),
+        ('[sys.executable, "-P", "-c",', '[sys.executable, "-c",'),
         (
             "        answers = _Answers()\n",
             '        answers = vars(self).setdefault("answers", _Answers())\n',

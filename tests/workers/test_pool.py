@@ -173,10 +173,12 @@ def test_a_signal_without_a_name_is_an_end_like_any_other() -> None:
         list(pool.results(real_time_signal, _units(setup, range(1))))
 
 
-def test_entries_of_the_search_path_that_are_no_texts_do_not_matter(
-    monkeypatch: pytest.MonkeyPatch,
+def test_neither_entries_of_the_path_that_are_no_texts_nor_stray_modules_matter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sys, "path", [*sys.path, Path("somewhere")])
+    (tmp_path / "json.py").write_text("raise SystemExit(5)\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*filter(None, sys.path), Path("somewhere")])
     setup = prepare(*TASK, "random")
     with Pool(1) as pool:
         assert [seeds for _, seeds in pool.results(seeds_of, _units(setup, range(1)))] == [(0,)]
