@@ -271,6 +271,12 @@ def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path)
     assert list((tmp_path / "parts").iterdir()) == [other]
 
 
+def test_the_probe_of_workers_is_removed_with_them(tmp_path: Path) -> None:
+    with Folder(tmp_path, _RECIPE) as folder, folder.probed() as writing:
+        assert writing.is_seen()
+    assert not writing.is_seen()
+
+
 @pytest.mark.parametrize("shard", [None, (1, 8)])
 def test_only_the_probes_of_the_same_part_are_removed(
     shard: tuple[int, int] | None, tmp_path: Path
