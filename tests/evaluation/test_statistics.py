@@ -1,5 +1,7 @@
 """Statistics of runs on a set of tasks: interquartile mean, stratified bootstrap, percentiles."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -74,6 +76,13 @@ def test_scores_that_are_no_matrix_are_refused() -> None:
     for statistic in (interquartile_mean, percentiles):
         with pytest.raises(ValueError, match=r"shape \(0, 4\); expected at least one run"):
             statistic(np.ones((0, 4)))
+
+
+@pytest.mark.parametrize("scores", [[[1.0, 2.0], [3.0]], [[1.0, None]], [["a", "b"]]])
+def test_lists_that_are_no_matrix_of_numbers_are_refused(scores: Any) -> None:
+    for statistic in (interquartile_mean, stratified_interval, percentiles):
+        with pytest.raises(ValueError, match=r"not numbers in lists of equal length; expected \("):
+            statistic(scores)
 
 
 def test_a_missing_score_is_refused_by_its_place() -> None:

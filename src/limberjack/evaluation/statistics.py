@@ -11,6 +11,8 @@ definitions are those of rliable (https://github.com/google-research/rliable, co
 policy on one task are in `limberjack.episodes.statistics`.
 """
 
+import contextlib
+
 import numpy as np
 
 from limberjack.episodes.statistics import bootstrapped
@@ -89,7 +91,7 @@ def percentiles(scores: np.ndarray) -> dict[int, float]:
 
 def _checked(scores: np.ndarray) -> np.ndarray:
     """The scores, if they are a matrix of finite numbers."""
-    scores = np.asarray(scores)
+    scores = _numbers(scores)
     if scores.ndim != 2:
         raise ValueError(f"scores have shape {scores.shape}; expected (runs, tasks)")
     return _finite(scores)
@@ -97,7 +99,7 @@ def _checked(scores: np.ndarray) -> np.ndarray:
 
 def _finite(scores: np.ndarray) -> np.ndarray:
     """The scores, (..., runs, tasks), if all are finite; a sort would hide others at its end."""
-    scores = np.asarray(scores)
+    scores = _numbers(scores)
     if scores.size == 0 or scores.ndim < 2:
         raise ValueError(f"scores have shape {scores.shape}; expected at least one run and task")
     if not np.isfinite(scores).all():
@@ -108,3 +110,15 @@ def _finite(scores: np.ndarray) -> np.ndarray:
             "lacks"
         )
     return scores
+
+
+def _numbers(scores: np.ndarray) -> np.ndarray:
+    """The scores as an array; raises ValueError for lists of other things or of unequal lengths."""
+    with contextlib.suppress(ValueError):  # of unequal lengths
+        found = np.asarray(scores)
+        if found.dtype.kind in "biuf":
+            return found
+    raise ValueError(
+        "scores are not numbers in lists of equal length; expected (runs, tasks): leave out tasks "
+        "that a run lacks"
+    )
