@@ -136,6 +136,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "kept = {name: found[name] for name in found}",
         ),
         ("        except OSError:  # of a file that may be whole\n            raise\n", ""),
+        ("if self._checkpoint.exists():  # a finished", "if True:  # a finished"),
     ],
     "worlds/faults/memory.py": [
         ("        numbers = np.clip(np.rint(numbers), limits.min, most)\n", ""),

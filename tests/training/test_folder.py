@@ -1,6 +1,7 @@
 """A folder belongs to one run, and what is in it is whole."""
 
 import contextlib
+import errno
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,19 @@ def test_an_unfinished_run_of_another_series_of_versions_is_refused(tmp_path: Pa
     with _opened(tmp_path) as folder:
         folder.policy.touch()
     _open(tmp_path, versions={"mujoco": "4.1.0"})  # a finished one is only reported
+
+
+def test_a_finished_run_is_reported_where_nothing_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, **kwargs: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(path))
+
+    with _opened(tmp_path) as folder:
+        folder.policy.touch()
+    monkeypatch.setattr(Path, "unlink", refuse)  # as a disk that is read-only does
+    with _opened(tmp_path) as folder:
+        folder.finish()
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:

@@ -84,7 +84,8 @@ class Folder:
 
     def finish(self) -> None:
         """Removes the checkpoint, once the policy has been written."""
-        self._checkpoint.unlink(missing_ok=True)
+        if self._checkpoint.exists():  # a finished run may be in a folder that cannot be written
+            self._checkpoint.unlink()
 
 
 @contextlib.contextmanager
