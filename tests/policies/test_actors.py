@@ -62,6 +62,23 @@ def test_whole_numbers_reach_the_task_as_such(policy: Any) -> None:
         assert run_episode(environment, actor, 1).total == totals[1]
 
 
+_HALVES: Any = SimpleNamespace(act_batch=lambda observations: np.full(64, 1.5))
+
+
+@pytest.mark.parametrize("policy", [lambda observation: 1.5, _HALVES])
+def test_actions_between_whole_numbers_are_refused(policy: Any) -> None:
+    physics: Any = suite.load("cartpole", "balance").physics
+    environment = control.Environment(physics, _Chosen(random=0), time_limit=0.1)
+    actor = policies.find(policy, environment)
+    observation = environment.reset().observation
+    message = r"step 0 of the episode with seed 1: returned 1\.5 at index \[0\]; expected whole"
+    with pytest.raises(PolicyError, match=message):
+        actor.begin_alone(environment, 1)(observation)
+    batch = batch_for(environment, actor, range(1, 3), 1)
+    with contextlib.closing(batch), pytest.raises(PolicyError, match=message):
+        list(play(batch, actor, range(1, 3)))
+
+
 def test_a_generator_is_no_policy() -> None:
     with pytest.raises(PolicyError, match="builtins:generator"):
         policies.find(action for action in range(3))

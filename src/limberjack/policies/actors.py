@@ -38,7 +38,7 @@ __all__ = [
     "EachRow",
     "ResetBatch",
     "as_numbers",
-    "check_finite",
+    "check_numbers",
 ]
 
 ActBatch = Callable[[Mapping[str, np.ndarray]], object]
@@ -225,9 +225,10 @@ class Batched:
         """The policy's actions for these rows; raises PolicyError if they are invalid."""
         expected = (ROWS, *self._actions.shape[1:])
         actions = as_numbers(self._where(rows[0]), returned, expected)[self._shown_in[rows]]
-        is_bad = ~np.isfinite(actions).reshape(len(rows), -1).all(axis=-1)
+        dtype = self._actions.dtype
+        is_bad = ~_are_valid(actions, dtype).reshape(len(rows), -1).all(axis=-1)
         for row, action in zip(rows[is_bad], actions[is_bad], strict=True):
-            check_finite(self._where(row), action)
+            check_numbers(self._where(row), action, dtype)
         return actions
 
     def _where(self, row: int) -> str:
@@ -282,11 +283,23 @@ def as_numbers(where: str, returned: object, shape: tuple[int, ...]) -> np.ndarr
     return array
 
 
-def check_finite(where: str, action: np.ndarray) -> None:
-    """Raises a PolicyError that begins with `where` unless all numbers of an action are finite."""
-    is_bad = ~np.isfinite(action)
+def check_numbers(where: str, action: np.ndarray, dtype: np.dtype) -> None:
+    """Raises a PolicyError that begins with `where` unless an action has numbers of its spec.
+
+    They are finite, and whole where the spec's type is.
+    """
+    is_bad = ~_are_valid(action, dtype)
     if is_bad.any():
+        expected = "whole" if np.issubdtype(dtype, np.integer) else "finite"
         raise PolicyError(
             f"{where}: returned {action[is_bad][0]} at index {np.flatnonzero(is_bad).tolist()}; "
-            "expected finite numbers"
+            f"expected {expected} numbers"
         )
+
+
+def _are_valid(actions: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Whether each number is finite, and whole if `dtype` is."""
+    is_finite = np.isfinite(actions)
+    if not np.issubdtype(dtype, np.integer):
+        return is_finite
+    return is_finite & (actions == np.floor(actions))

@@ -23,7 +23,7 @@ from limberjack.policies.actors import (
     EachRow,
     ResetBatch,
     as_numbers,
-    check_finite,
+    check_numbers,
 )
 from limberjack.policies.built_in import BUILT_IN
 from limberjack.policies.kinds import Act, Actor, Locating, Policy, PolicyError
@@ -269,7 +269,7 @@ def _checking_policy(
             with Locating(where):
                 returned = act(observation)
             action = as_numbers(where, returned, spec.shape)
-            check_finite(where, action)
+            check_numbers(where, action, spec.dtype)
             return action
 
         return checked
