@@ -126,8 +126,10 @@ def _dataset(folder: Path | None) -> "Dataset | None":
 
 def _done(progress: Steps, out: Path) -> str:
     """The number of steps so far, and how to continue."""
-    done = f"{progress.finished or 0:,} of {progress.steps:,} control steps are done"
-    return f"{done}: the same command continues from the last checkpoint in {out}"
+    then = f"the same command continues from the last checkpoint in {out}"
+    if progress.finished is None:  # a checkpoint may have been read, or not
+        return then
+    return f"{progress.finished:,} of {progress.steps:,} control steps are done: {then}"
 
 
 def _print(run: "Run") -> None:
