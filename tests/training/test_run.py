@@ -1,6 +1,7 @@
 """Runs that are killed and continued, refused, or reported."""
 
 import dataclasses
+import importlib
 import json
 import logging
 import math
@@ -13,6 +14,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any, cast
 
 import dm_env
@@ -274,6 +276,44 @@ def test_the_callers_random_stream_goes_on(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.random.uniform(size=4), expected)
     assert random.getstate() == of_python
     assert torch.equal(torch.get_rng_state(), of_torch)
+
+
+def test_packages_that_draw_as_they_are_imported_do_not_change_the_callers_stream(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imported = importlib.import_module
+
+    def drawing(name: str, package: str | None = None) -> ModuleType:
+        np.random.seed(random.randrange(9))
+        return imported(name, package)
+
+    before = np.random.get_state(legacy=False), random.getstate()
+    _caught(monkeypatch)
+    monkeypatch.setattr(importlib, "import_module", drawing)
+    with pytest.raises(_KilledError):
+        _pendulum(tmp_path)
+    np.testing.assert_equal((np.random.get_state(legacy=False), random.getstate()), before)
+
+
+def test_two_threads_do_not_train_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused: list[str] = []
+
+    def other() -> None:
+        with pytest.raises(RuntimeError, match="another thread of this process trains") as caught:
+            _pendulum(tmp_path / "other")
+        refused.append(str(caught.value))
+
+    def training(*arguments: object) -> None:
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+        raise _KilledError
+
+    monkeypatch.setattr(run_module, "_Training", training)
+    with pytest.raises(_KilledError):
+        _pendulum(tmp_path / "run")
+    assert refused
+    assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.parametrize("change", [lambda state: {"other": 1}, lambda state: {**state, "rows": 1}])

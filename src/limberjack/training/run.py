@@ -47,6 +47,7 @@ from limberjack.training.folder import POLICY, Folder, opened
 from limberjack.training.settings import MOST_ROWS, Settings, settings_for
 from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.seeds import checked_seed
+from limberjack.utils.turns import Turn
 from limberjack.workers import WorkError
 from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.worlds import World
@@ -61,6 +62,8 @@ _EVALUATIONS = 20  # after the one at the beginning; together they take a few % 
 _RUNS = 1_000_000  # seeds of runs
 _PATIENCE = 60.0  # seconds after which there is another checkpoint
 _SHARE = 50  # at least this many times as long as the last one took
+
+_turn = Turn()  # the global random streams belong to the process
 
 _OnProgress = Callable[[int, int, float], object]
 _FORMAT = 1  # of the folder
@@ -165,6 +168,7 @@ def train(
       ValueError: there is no such task, or it cannot be trained, or a number is out of range, or
         the demonstrations are of another task; or the folder has another run, other settings or
         other files, or another process writes there.
+      RuntimeError: another thread of this process trains.
       TrainingError: the losses are no numbers; the last checkpoint is kept.
       OSError: a file cannot be written; the last checkpoint is kept.
     """
@@ -181,18 +185,13 @@ def train(
         )
     directory = local(out)
     began = time.process_time()
-    if not (directory / POLICY).exists():  # a finished run is reported without the packages
-        _check_learns(settings)
-        importlib.import_module("limberjack.training.learner")
-    factory = factory_of(domain, task, settings.time_limit, world)
-    identity = _identified(factory, settings, seed, demonstrations)
-    more: dict[str, object] = {"command": command, "versions": versions()}
     with contextlib.ExitStack() as stack:
-        # Global streams, which the algorithm seeds.
-        stack.callback(np.random.set_state, np.random.get_state())
-        stack.callback(random.setstate, random.getstate())
-        if (torch := sys.modules.get("torch")) is not None:
-            stack.callback(torch.set_rng_state, torch.get_rng_state())
+        if not (directory / POLICY).exists():  # a finished run is reported without the packages
+            _check_learns(settings)
+            _take_streams(stack)
+        factory = factory_of(domain, task, settings.time_limit, world)
+        identity = _identified(factory, settings, seed, demonstrations)
+        more: dict[str, object] = {"command": command, "versions": versions()}
         folder = stack.enter_context(opened(directory, identity, more))
         was_finished = folder.policy.exists()
         if not was_finished:
@@ -202,6 +201,24 @@ def train(
         folder.finish()
         run = Run(folder.policy, _read_curve(folder.curve), settings, was_finished)
         return _with_picture(run, folder, identity)
+
+
+def _take_streams(stack: contextlib.ExitStack) -> None:
+    """Imports the algorithm, and keeps the global random streams for it until `stack` closes.
+
+    Afterwards they go on as before. Raises RuntimeError if a run of another thread has them.
+    """
+    if not _turn.lock.acquire(blocking=False):
+        raise RuntimeError(
+            "another thread of this process trains, and both would draw from NumPy's global "
+            "stream: wait for it, or train in a process of its own"
+        )
+    stack.callback(_turn.lock.release)
+    stack.callback(np.random.set_state, np.random.get_state())
+    stack.callback(random.setstate, random.getstate())
+    importlib.import_module("limberjack.training.learner")  # draws, and brings PyTorch
+    if (torch := sys.modules.get("torch")) is not None:
+        stack.callback(torch.set_rng_state, torch.get_rng_state())
 
 
 def _with_picture(run: Run, folder: Folder, identity: Mapping[str, object]) -> Run:
