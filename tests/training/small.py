@@ -16,13 +16,16 @@ from limberjack.training import Settings
 __all__ = [
     "SMALL",
     "blind",
+    "keeping",
     "make",
     "moving",
     "of_one_array",
     "of_one_number",
+    "of_whole_numbers",
     "remembering",
     "repeating",
     "tiring",
+    "unseen",
     "worthless",
 ]
 
@@ -152,6 +155,20 @@ class _Tiring(_Blind):
         return 1.0 - 0.1 * self._spent
 
 
+class _OfWholeNumbers(_Tiring):
+    """A task whose action is -1, 0 or 1."""
+
+    def action_spec(self, physics: Any) -> specs.BoundedArray:
+        return specs.BoundedArray((1,), int, [-1], [1])
+
+
+class _Unseen(_Tiring):
+    """A task whose observations are no numbers."""
+
+    def get_observation(self, physics: Any) -> Any:
+        return collections.OrderedDict(state=np.nan * physics.get_state())
+
+
 class _Worthless(_Tiring):
     """A task whose rewards are no numbers."""
 
@@ -182,3 +199,20 @@ def blind(seed: int) -> dm_env.Environment:
 def of_one_number(seed: int) -> dm_env.Environment:
     """A short pendulum whose actions have no axis."""
     return _of(_OfOneNumber(random=seed))
+
+
+def of_whole_numbers(seed: int) -> dm_env.Environment:
+    """A short pendulum whose actions are whole numbers."""
+    return _of(_OfWholeNumbers(random=seed))
+
+
+def unseen(seed: int) -> dm_env.Environment:
+    """A short pendulum whose observations are no numbers."""
+    return _of(_Unseen(random=seed))
+
+
+def keeping(seed: int) -> dm_env.Environment:
+    """A short pendulum that keeps a function, of which pickle has no name."""
+    environment: Any = remembering(seed)
+    environment.kept = lambda: 0
+    return environment

@@ -31,13 +31,16 @@ from limberjack.worlds.faults import Faults
 from tests.training.small import (
     SMALL,
     blind,
+    keeping,
     make,
     moving,
     of_one_array,
     of_one_number,
+    of_whole_numbers,
     remembering,
     repeating,
     tiring,
+    unseen,
     worthless,
 )
 
@@ -363,6 +366,21 @@ def test_a_return_that_is_no_number_stops_the_run(tmp_path: Path) -> None:
         train(worthless, out=tmp_path, settings=settings)
 
 
+@pytest.mark.parametrize(
+    ("make_other", "message"),
+    [
+        (unseen, r"no number \(policy 'learned', step 0 .*: returned nan .* checkpoint is kept"),
+        (keeping, r"cannot be saved in a checkpoint \(.*lambda.*\); expected one that pickle"),
+    ],
+)
+def test_an_environment_that_cannot_be_evaluated_or_saved_stops_the_run(
+    make_other: Make, message: str, tmp_path: Path
+) -> None:
+    settings = dataclasses.replace(SMALL, time_limit=None)
+    with pytest.raises(TrainingError, match=message):
+        train(make_other, out=tmp_path, settings=settings)
+
+
 def test_an_environment_that_observes_one_array_trains(tmp_path: Path) -> None:
     settings = dataclasses.replace(SMALL, steps=180, time_limit=None)
     run = train(of_one_array, out=tmp_path, settings=settings)
@@ -519,7 +537,8 @@ def _caught(monkeypatch: pytest.MonkeyPatch) -> None:
     ("make_other", "message"),
     [
         (blind, "observes nothing; expected at least one number"),
-        (of_one_number, r"has actions of shape \(\); expected one axis"),
+        (of_one_number, r"has actions of shape \(\) and type float64; expected one axis"),
+        (of_whole_numbers, r"shape \(1,\) and type int64; expected .* of floating-point numbers"),
         (repeating, "repeats each action for 4 control steps, and the settings for 2: set action_"),
     ],
 )

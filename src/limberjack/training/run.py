@@ -12,6 +12,7 @@ import contextlib
 import dataclasses
 import importlib
 import math
+import pickle
 import random
 import statistics
 import sys
@@ -32,7 +33,7 @@ from limberjack.episodes.environments import (
 from limberjack.episodes.places import local
 from limberjack.episodes.playing import play
 from limberjack.mujoco.fingerprint import fingerprint, versions
-from limberjack.policies import LearningCurve, learning_of, mlp
+from limberjack.policies import LearningCurve, PolicyError, learning_of, mlp
 from limberjack.policies.actors import Batched
 from limberjack.policies.networks import layout_of
 from limberjack.rl.action_specs import spec_of
@@ -169,7 +170,8 @@ def train(
         the demonstrations are of another task; or the folder has another run, other settings or
         other files, or another process writes there.
       RuntimeError: another thread of this process trains.
-      TrainingError: the losses are no numbers; the last checkpoint is kept.
+      TrainingError: the losses are no numbers; the last checkpoint is kept. Or the environment
+        cannot be saved in one.
       OSError: a file cannot be written; the last checkpoint is kept.
     """
     seed = checked_seed(seed)
@@ -276,9 +278,12 @@ def _check_learnable(title: str, environment: dm_env.Environment, settings: Sett
         raise ValueError(f"{title} observes pictures; expected numbers only")
     if not any(math.prod(shape) for _, shape in layout_of(environment)):
         raise ValueError(f"{title} observes nothing; expected at least one number")
-    shape = spec_of(environment).shape
-    if len(shape) != 1:
-        raise ValueError(f"{title} has actions of shape {shape}; expected one axis, such as (2,)")
+    spec = spec_of(environment)
+    if len(spec.shape) != 1 or spec.dtype.kind != "f":
+        raise ValueError(
+            f"{title} has actions of shape {spec.shape} and type {spec.dtype}; expected one axis, "
+            "such as (2,), of floating-point numbers"
+        )
     own = own_repeat(environment)
     if own not in (1, settings.action_repeat):
         raise ValueError(
@@ -404,7 +409,11 @@ class _Training:
         """Plays the episodes of evaluations, adds their returns to the curve, and saves."""
         actor = Batched("learned", None, self._policy().act_batch)
         played = play(self._tested, actor, _EVALUATED, action_repeat=self._settings.action_repeat)
-        totals = {episode.seed: episode.total for ended in played for episode in ended}
+        try:
+            totals = {episode.seed: episode.total for ended in played for episode in ended}
+        except PolicyError as error:
+            why = f"an observation or a weight is too large or no number ({error})"
+            raise self._failed(why) from error
         for seed, total in totals.items():
             if not math.isfinite(total):
                 raise TrainingError(
@@ -426,14 +435,21 @@ class _Training:
     def _save(self) -> None:
         """Writes a checkpoint; a longer one, of more transitions, is written less often."""
         began = time.monotonic()
-        self._folder.save(
-            {
-                "learner": self._learner.state(),
-                "rows": self._envs.vector_env.batches[0].snapshot(),
-                "curve": self._curve,
-                "processor_seconds": self._processor_seconds,
-            }
-        )
+        try:
+            self._folder.save(
+                {
+                    "learner": self._learner.state(),
+                    "rows": self._envs.vector_env.batches[0].snapshot(),
+                    "curve": self._curve,
+                    "processor_seconds": self._processor_seconds,
+                }
+            )
+        except (AttributeError, TypeError, pickle.PicklingError) as error:
+            raise TrainingError(
+                f"the environment cannot be saved in a checkpoint ({error}); expected one that "
+                "pickle and copy.deepcopy take: define its functions and classes at the top level "
+                "of a module"
+            ) from error
         now = time.monotonic()
         self._save_at = now + max(_PATIENCE, _SHARE * (now - began))
 
