@@ -125,7 +125,8 @@ def main() -> None:
         settings=_SETTINGS,
         demonstrations=dataset,
         on_progress=_show,
-        command=f"python examples/distil.py --seed {given.seed}",
+        command=f"python examples/distil.py --steps {given.steps} --shown {given.shown} "
+        f"--seed {given.seed}",
     )
     learned, out = mlp.load(run.policy), given.out / "policy.safetensors"
     card = dataclasses.replace(learned.card, domain=_TASK[0], task=_TASK[1])

@@ -124,7 +124,7 @@ def _learn(
         steps += _STEPS * returns.size
 
 
-def _card(task: str, steps: int, seed: int) -> mlp.Card:
+def _card(task: str, steps: int, seed: int, command: str) -> mlp.Card:
     """The card of the policy."""
     with suite.load(_DOMAIN, task, {"random": 0}) as environment:
         layout = layout_of(environment)
@@ -139,7 +139,7 @@ def _card(task: str, steps: int, seed: int) -> mlp.Card:
         domain=_DOMAIN,
         task=task,
         algorithm="evolution",
-        command=f"python examples/evolution.py --task {task} --seed {seed}",
+        command=command,
         seeds=(seed,),
         steps=steps,
         versions=versions(),
@@ -161,7 +161,9 @@ def main() -> None:
     weights, curve = _learn(given.task, given.steps, pairs, given.seed)
     if given.out is not None:
         given.out.mkdir(parents=True, exist_ok=True)
-        card = _card(given.task, int(curve[-1][0]), given.seed)
+        options = [f"--{name} {getattr(given, name)}" for name in ("task", "steps", "envs", "seed")]
+        command = " ".join(["python examples/evolution.py", *options])
+        card = _card(given.task, int(curve[-1][0]), given.seed, command)
         mlp.save(given.out / "policy.safetensors", [(weights, np.zeros(len(weights)))], card)
         with (given.out / "curve.csv").open("w", newline="", encoding="utf-8") as file:
             names = [f"return_{number}" for number in range(1, len(_EVALUATED) + 1)]

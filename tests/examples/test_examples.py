@@ -129,6 +129,7 @@ def test_evolution(tmp_path: Path) -> None:
     assert returns[-1] > returns[0]  # with weights of 0
     card = mlp.load(tmp_path / "policy.safetensors").card
     assert (card.title, card.steps, card.seeds) == ("lqr lqr_2_1", 128_000, (0,))
+    assert card.command.endswith(" --task lqr_2_1 --steps 128000 --envs 64 --seed 0")
     first, *lines = (tmp_path / "curve.csv").read_text().splitlines()
     assert first.startswith("control_steps,agent_steps,processor_seconds,mean,return_1,")
     assert len(lines) == len(returns)
