@@ -234,8 +234,12 @@ class _Whole(dm_env.Environment):
             specs.BoundedArray((2,), np.int32, 0, [4, 5]),
             gymnasium.spaces.Box(np.zeros(2, np.int32), np.array([4, 5]), (2,), np.int32),
         ),
+        (
+            specs.BoundedArray((2,), np.int32, 0, 3),
+            gymnasium.spaces.Box(0, 3, (2,), np.int32),
+        ),
     ],
-    ids=["discrete", "integers"],
+    ids=["discrete", "integers", "integers in one range"],
 )
 def test_actions_that_are_whole_numbers_stay_whole(spec: Any, space: gymnasium.Space) -> None:
     env = gym.Env(lambda seed: _Whole(spec))

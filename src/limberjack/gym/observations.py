@@ -195,7 +195,7 @@ def action_space(
     if isinstance(spec, specs.DiscreteArray):
         return spaces.Discrete(spec.num_values)
     if spec.dtype.kind in "iu":
-        least, most = np.broadcast_arrays(spec.minimum, spec.maximum)
+        least, most = (np.broadcast_to(at, spec.shape) for at in (spec.minimum, spec.maximum))
         return spaces.Box(least, most, spec.shape, spec.dtype.type)
     number = _float_type(dtype)
     low, high = open_bounds(spec)
