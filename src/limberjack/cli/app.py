@@ -39,7 +39,7 @@ class _ShortTypes:
     # Any: classes that depend on the version of Typer, of which a class inherits beside this one.
     def get_params(self, ctx: Any) -> list[Any]:
         """The parameters of the command line."""
-        inherited: Any = super()
+        inherited: Any = super()  # Any: as above
         parameters = inherited.get_params(ctx)
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
