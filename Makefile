@@ -27,7 +27,7 @@ export PYTHONUNBUFFERED = 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-browser test-slow test-exactness test-training test-minari \
+.PHONY: help demo docs test test-browser test-rest test-slow test-exactness test-training test-minari \
 	test-lerobot test-scale test-gpu lint format clean check-python
 .DELETE_ON_ERROR:
 
@@ -44,12 +44,15 @@ docs: $(VENV)/installed-docs  ## Build the documentation as a site in site/
 	@echo "To read it: $(BIN)/python -m http.server --directory site, then open http://localhost:8000"
 
 test: $(VENV)/installed-test  ## Run ruff, pyright and all tests but the slow ones
-	$(MAKE) --jobs 2 lint test-browser
-	$(BIN)/python -m pytest $(IN_PARALLEL) --ignore tests/browser
+	$(MAKE) --jobs 2 test-browser test-rest
 
-# Beside nothing but `lint`, which keeps one core busy: they click in real time.
+# First those of the viewer, beside ruff and pyright alone: they click in real time. The site's end
+# beside the first of the other tests.
 test-browser: $(VENV)/installed-test  ## Run the tests that open the viewer and pages in a browser
-	$(BIN)/python -m pytest tests/browser
+	$(BIN)/python -m pytest tests/browser/test_viewer*.py tests/browser/test_[!v]*.py
+
+test-rest: lint  ## Run ruff, pyright and all tests but the slow ones and those in a browser
+	$(BIN)/python -m pytest $(IN_PARALLEL) --ignore tests/browser
 
 test-slow: $(VENV)/installed-test  ## Run the slow tests
 	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600

@@ -30,7 +30,7 @@ __all__ = ["SOFTWARE_WEBGL", "Chromium", "NavigatedError", "Page"]
 SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 _PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-_LIMIT = 60.0  # seconds for anything, on the slowest machine too
+_LIMIT = 180.0  # seconds for anything, on the slowest machine too
 _POLL = 0.05  # seconds
 _NAVIGATED = "Inspected target navigated or closed"  # Chromium's message
 _FLAGS = (

@@ -18,7 +18,7 @@ from .chromium import SOFTWARE_WEBGL, Chromium, Page
 
 __all__ = ["LIMIT", "serving", "viewed_by", "wait"]
 
-LIMIT = 60.0  # seconds for anything, on the slowest machine too
+LIMIT = 180.0  # seconds for anything, on the slowest machine too
 
 
 @contextlib.contextmanager
