@@ -435,10 +435,11 @@ class _Training:
     def _save(self) -> None:
         """Writes a checkpoint; a longer one, of more transitions, is written less often."""
         began = time.monotonic()
+        learner = self._learner.state()
         try:
             self._folder.save(
                 {
-                    "learner": self._learner.state(),
+                    "learner": learner,
                     "rows": self._envs.vector_env.batches[0].snapshot(),
                     "curve": self._curve,
                     "processor_seconds": self._processor_seconds,
